@@ -38,7 +38,8 @@ class PointCloud(NamedTuple):
 
     Quantities that a sensor does not measure are None, such as a LiDAR's velocity.
     `confidence` is the probability that a surface is near the point. `fold` and its
-    margin are those of `jradar.radar.velocity_folds`, if asked for.
+    margin are those of `jradar.radar.velocity_folds`, if asked for. The `age` of a
+    point of an earlier frame is in seconds.
     """
 
     xyz: Float[Array, "*batch point 3"]
@@ -49,6 +50,7 @@ class PointCloud(NamedTuple):
     confidence: Float[Array, "*batch point"] | None = None
     fold: Int[Array, "*batch point"] | None = None
     fold_margin_db: Float[Array, "*batch point"] | None = None
+    age: Float[Array, "*batch point"] | None = None
 
     @classmethod
     def from_xyz(cls, xyz: Any) -> "PointCloud":

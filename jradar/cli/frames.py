@@ -83,6 +83,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         frames=frames,
         seed=options.seed,
         fuse=options.fuse,
+        history_s=options.history,
         remove_interference=options.remove_interference or None,
         anyway=options.anyway,
         **given_drawing(options),
@@ -107,7 +108,9 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     seconds = time.perf_counter() - begin
     times = found.times
     compiling = times.pop("compiling")
-    motion = {"frames fused": options.fuse, "motion by": found.motion}
+    motion = {"motion by": found.motion}
+    if options.fuse > 1:
+        motion = {"frames fused": options.fuse, **motion}
     return {
         **summary(found.recording, found.warnings),
         "model": {
@@ -116,7 +119,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
             "training steps": model.card.steps_seen,
             "trained on": f"{model.card.trained_on}, radar {model.card.radar.name}",
         },
-        **(motion if options.fuse > 1 else {}),
+        **(motion if found.motion else {}),
         **({"enhanced": rows} if options.frames else rows[0]),
         "milliseconds per frame": {name: 1e3 * took for name, took in times.items()},
         "compiling (s)": compiling,

@@ -171,6 +171,9 @@ def fusing(sub: Options) -> None:
     text = "fuse each frame with the N - 1 before it, by recorded poses or else by the "
     text += "radar's velocity, with its IMU if there is one (default: %(default)s)"
     count(sub, "--fuse", text, most=MAX_FUSED, default=1)
+    text = "instead add the points of the last S seconds to those of each frame, moved "
+    text += "to where they are now; for a radar that sends few (default: 0)"
+    option(sub, "--history", "S", text, type=values.positive, default=0.0)
 
 
 def anyway(sub: Options) -> None:

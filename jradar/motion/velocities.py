@@ -48,10 +48,12 @@ def frame_velocities(
     stamps = recording.frames.stamps
     chosen = range(len(recording.frames)) if frames is None else frames
     if stamps is None or not len(chosen):
-        fix = ": set frame_period_s, or name the frames' stamps"
+        fix = "set frame_period_s, or name the frames' stamps"
+        if recording.of_points:
+            fix = "add a column `timestamp`, or poses beside the file"
         raise UsageError(
-            f"{recording.path}: {len(chosen)} frames, expected some with known times"
-            f"{'' if recording.of_points else fix}"
+            f"{recording.path}: {len(chosen)} frames, expected some with known times: "
+            f"{fix}"
         )
     measured = _sent if recording.of_points else _detected(recording, points)
     key, rows = jax.random.key(0), []

@@ -177,7 +177,7 @@ class FrameFolder:
 def detections(frame: Frame, radar: Radar) -> PointCloud:
     """Return the radar points of a frame whose cells are detections.
 
-    A model takes weaker ones too.
+    A model takes weaker ones too, and those of earlier frames.
     """
     spec, cells, points = radar.spec, np.asarray(frame.detected), frame.points
     distance = np.linalg.norm(points.xyz, axis=1) + radar.range_bias_m
@@ -185,6 +185,8 @@ def detections(frame: Frame, radar: Radar) -> PointCloud:
     row = np.rint(np.asarray(points.velocity) / spec.velocity_resolution_mps)
     row = (row.astype(int) + spec.num_chirps // 2) % spec.num_chirps
     seen = cells[row, np.minimum(column, cells.shape[1] - 1)]
+    if points.age is not None:
+        seen = seen & (np.asarray(points.age) == 0)
     return points._replace(valid=np.asarray(points.valid) & seen)
 
 

@@ -63,7 +63,7 @@ class Enhancement(Iterator[Frame]):
 
         def observe(frame):
             number, measured = frame
-            observed = pipeline.observe(measured, self._time(number))
+            observed = pipeline.observe(number, measured, self._time(number))
             return number, observed, pipeline.detections(observed)
 
         def answer(frame):
@@ -96,14 +96,16 @@ def enhance_recording(
     frames: slice | range = slice(None),
     seed: int = 0,
     fuse: int = 1,
+    history_s: float = 0.0,
     remove_interference: bool | None = None,
     anyway: bool = False,
     **drawing: Unpack[Drawing],
 ) -> Enhancement:
     """Return an iterator over the enhanced `frames` of a recording; host.
 
-    `fuse` is the number of last frames that are fused, by the recorded poses or by the
-    radar's own velocity. `remove_interference` is that of `PointSpec`, by default the
+    `fuse` is the number of last frames that are fused, or `history_s` the seconds whose
+    points are joined, by the recorded poses or by the radar's own velocity.
+    `remove_interference` is that of `PointSpec`, by default the
     model's, and the options of drawing are those of `draw`. Every frame draws with the
     key of `seed`. `anyway` enhances a radar that does not measure the angles that the
     model needs. Raises UsageError for frames that the recording lacks, for such a
@@ -113,7 +115,8 @@ def enhance_recording(
     if remove_interference:
         need_samples(recording)
     model = without_interference(model, remove_interference)
-    options = {"seed": seed, "fuse": fuse, "anyway": anyway, **drawing}
+    earlier = {"fuse": fuse, "history_s": history_s}
+    options = {"seed": seed, "anyway": anyway, **earlier, **drawing}
     return Enhancement(Pipeline(recording, model, **options), chosen)
 
 

@@ -11,6 +11,7 @@ for all frames in their order.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple, Unpack
@@ -27,6 +28,7 @@ from jradar.pipeline import warnings
 from jradar.pipeline.fusion import LastFrames
 from jradar.pipeline.history import LastImages, check_history, frame_times
 from jradar.pipeline.stages import Measured, Observed, Stages, Stopwatch
+from jradar.pipeline.together import LastPoints
 from jradar.radar import PointSpec
 from jradar.recordings import Recording
 from jradar.types import PointCloud
@@ -88,23 +90,28 @@ class Pipeline:
         points: PointSpec | None = None,
         seed: int = 0,
         fuse: int = 1,
+        history_s: float = 0.0,
         anyway: bool = False,
         **drawing: Unpack[Drawing],
     ):
         """Compile what the frames of a recording's radar need.
 
         `recording` describes the radar, its place and motion; it may hold no frame yet.
-        `points` are by default the model's, `fuse` frames are fused, and every frame
-        draws with the key of `seed`. `anyway` accepts a radar that does not measure
-        what the model needs. Raises UsageError for a radar or options that do not suit
-        the model.
+        `points` are by default the model's, and every frame draws with the key of
+        `seed`. Of the frames before it, the images of `fuse - 1` are fused with each,
+        or the points of the last `history_s` seconds are added to its own. `anyway`
+        accepts a radar that does not measure what the model needs. Raises UsageError
+        for a radar or options that do not suit the model.
         """
         if not anyway and (why := warnings.needs_more(model, recording)):
             raise UsageError(why)
         self.recording, self.model, self.fuse = recording, model, fuse
         self.watch = Stopwatch()
+        self.history_s = history_s
         if fuse > 1:
             self._check_fusing(**drawing)
+        if history_s:
+            self._check_history()
         if model.spec.frame_grid.history > 1 and len(recording.frames):
             check_history(recording)
         self.reset()
@@ -114,6 +121,7 @@ class Pipeline:
             model,
             points=points,
             fuse=fuse,
+            joined=history_s > 0,
             watch=self.watch,
             **drawing,
         )
@@ -123,6 +131,7 @@ class Pipeline:
         fuse, history = self.fuse, self.model.spec.frame_grid.history
         self._fused = LastFrames(self.recording, fuse) if fuse > 1 else None
         self._images = LastImages(history) if history > 1 else None
+        self._points = self._last_points() if self.history_s else None
         self._tally = warnings.Tally()
         self._view = warnings.InView(self.model)
 
@@ -133,14 +142,23 @@ class Pipeline:
 
         `measured` holds the samples, or the points of a radar that sends these.
         """
-        observed = self.observe(measured, stamp_s)
+        observed = self.observe(number, measured, stamp_s)
         image = self.answer(number, observed, stamp_s)
         cloud = self.cloud(image, observed)
         return self.judge(number, stamp_s, observed, image, cloud)
 
-    def observe(self, measured: Measured, stamp_s: float | None = None) -> Observed:
+    def observe(
+        self, number: int, measured: Measured, stamp_s: float | None = None
+    ) -> Observed:
         """Return the radar's side of a frame: samples, points and condition."""
-        observed = self._stages.observe(measured)
+        observed = self._stages.find(measured)
+        if self._points is not None:
+            time_s = math.nan if stamp_s is None else stamp_s
+            add = functools.partial(self._points.add, number, time_s)
+            observed = observed._replace(
+                points=self.watch("history", add, observed.points)
+            )
+        observed = self._stages.see(observed)
         if self._images is not None:
             time_s = math.nan if stamp_s is None else stamp_s
             whole = self._images.add(observed.condition, time_s)
@@ -210,11 +228,10 @@ class Pipeline:
     def before(self, frames: range) -> range:
         """Return the frames that must be answered before these, for their history."""
         first = max(0, frames.start - self.fuse + 1)
-        if self._images is not None:
-            times = frame_times(self.recording)
-            assert times is not None  # `check_history` has made sure
-            begin_s = times[frames.start] - self._images.span_s
-            first = int(np.searchsorted(times, begin_s))
+        span_s = self.history_s if self._images is None else self._images.span_s
+        times = frame_times(self.recording)
+        if span_s and times is not None:
+            first = int(np.searchsorted(times, times[frames.start] - span_s))
         return range(first, frames.start)
 
     @property
@@ -225,7 +242,8 @@ class Pipeline:
     @property
     def motion(self) -> dict[str, int]:
         """The number of steps between fused frames that each source of motion gave."""
-        return {} if self._fused is None else self._fused.steps
+        source = self._fused or self._points
+        return {} if source is None else source.steps
 
     @property
     def warnings(self) -> Iterator[str]:
@@ -234,8 +252,30 @@ class Pipeline:
         yield from warnings.of_model(self.model, None if of_points else radar.spec)
         yield from self._tally.warnings(radar)
         yield from self._view.warnings()
-        if self._fused is not None:
-            yield from self._fused.warnings()
+        for earlier in (self._fused, self._points):
+            if earlier is not None:
+                yield from earlier.warnings()
+
+    def _last_points(self) -> LastPoints:
+        """Return the points so far: none."""
+        recording, limit = self.recording, None
+        if not recording.of_points:
+            folds = 2 * self.model.spec.points.folds + 1
+            limit = recording.radar.spec.max_velocity_mps * folds
+        return LastPoints(recording, self.history_s, unambiguous_mps=limit)
+
+    def _check_history(self) -> None:
+        """Raise UsageError for points of several frames that make no condition."""
+        if self.fuse > 1:
+            raise UsageError(
+                f"history_s = {self.history_s:g} and fuse = {self.fuse}: both add the "
+                "frames before each, expected one of them"
+            )
+        if (kind := self.model.spec.frame_grid.kind) != "view":
+            raise UsageError(
+                f"history_s = {self.history_s:g}: a model of {kind} images sees no "
+                "points: leave history_s out"
+            )
 
     def _check_fusing(self, **drawing: Any) -> None:
         """Raise UsageError for frames that cannot be fused."""

@@ -67,6 +67,7 @@ class _Programs:
     spec: PointSpec
     clean: bool
     count: int  # of frames that become one
+    joined: bool  # whether points of other frames are added to a frame's
     drawing: tuple[tuple[str, Any], ...]  # as in `Drawing`
 
     def cleaned(self, _key, radar, _model, cube):
@@ -123,13 +124,15 @@ class Stages:
         *,
         points: PointSpec | None = None,
         fuse: int = 1,
+        joined: bool = False,
         watch: Stopwatch | None = None,
         **drawing: Unpack[Drawing],
     ):
         """`points` are by default the model's, without a model those of `PointSpec`.
 
-        The other options are those of `draw`, and `fuse` frames are fused. Raises
-        ValueError for options that the model does not take.
+        The other options are those of `draw`, and `fuse` frames are fused. If frames
+        are `joined`, points are added between `find` and `see`. Raises ValueError for
+        options that the model does not take.
         """
         if points is None:
             points = PointSpec() if model is None else model.spec.points
@@ -141,6 +144,7 @@ class Stages:
             spec=self.spec,
             clean=points.remove_interference,
             count=fuse,
+            joined=joined,
             drawing=tuple(given(drawing).items()),
         )
         self._watch = Stopwatch() if watch is None else watch
@@ -149,19 +153,31 @@ class Stages:
             self._ready(None)
 
     def observe(self, measured: Measured) -> Observed:
+        """Return what the radar measured, and what the model is given of it."""
+        return self.see(self.find(measured))
+
+    def find(self, measured: Measured) -> Observed:
         """Return what the radar measured: samples as recorded, or points that it sent.
 
         Raises ValueError for more points than a radar sends.
         """
-        samples = detected = condition = strange = None
+        samples = detected = None
         if isinstance(measured, PointCloud):
             points = jax.device_put(measured.padded())
         else:
             samples = self._run("cleaning", None, jnp.asarray(measured))
             points, detected = self._run("points", None, samples)
-        if self._model is not None:
-            condition, strange = self._run("condition", points, samples, points)
-        return Observed(samples, points, detected, condition, strange)
+        return Observed(samples, points, detected, None, None)
+
+    def see(self, observed: Observed) -> Observed:
+        """Return what was observed, with the condition of its points."""
+        if self._model is None:
+            return observed
+        points = jax.device_put(observed.points)
+        samples = None if self._programs.joined else observed.samples
+        condition, strange = self._run("condition", points, samples, points)
+        seen = {"condition": condition, "unlikeness": strange}
+        return observed._replace(points=points, **seen)
 
     def detections(
         self, observed: Observed
@@ -198,7 +214,7 @@ class Stages:
     def _ready(self, points: PointCloud | None) -> dict[str, Callable]:
         """Return the programs for points of this size; a radar's samples need one."""
         sent = None
-        if self._radar is None:
+        if points is not None and (self._radar is None or self._programs.joined):
             sent = jax.tree.map(programs.shaped, points)
         name = repr(sent)
         if name not in self._compiled:
@@ -220,8 +236,10 @@ class Stages:
         """
         options, given = self._programs, (self._key, self._radar, self._model)
         samples, points = None, sent
-        if self._radar is not None:
+        if self._radar is not None and sent is None:
             samples, points = yield from self._trace_samples(self._radar.spec)
+            if options.joined:
+                return
         if self._model is None:
             return
         measured = *given, samples, points

@@ -11,6 +11,7 @@ from jradar.lidar import Poses
 from jradar.mapping import map_recording
 from jradar.model import enhance_points
 from jradar.pipeline import Pipeline, detect_recording, enhance_recording
+from jradar.pipeline.together import LastPoints
 from jradar.radar import Radar
 from jradar.recordings import Recording, Stream
 from jradar.types import PointCloud
@@ -27,7 +28,7 @@ def points(count, seed=0, *, height_m=1.0, velocity=True):
     low, high = [4, -2, -height_m], [5, 2, height_m]
     xyz = rng.uniform(low, high, (count, 3)).astype(np.float32)
     towards = -xyz[:, 0] / np.linalg.norm(xyz, axis=1) if velocity else None
-    power = rng.uniform(1, 100, count).astype(np.float32)
+    power = rng.uniform(1, 1e4, count).astype(np.float32)  # not taken for dB
     return PointCloud(xyz, np.ones(count, bool), towards, power)
 
 
@@ -132,3 +133,112 @@ def test_a_map_of_points_leaves_out_what_moves():
     voxels = [set(map(tuple, each.radar.voxels.tolist())) for each in (still, found)]
     assert len(voxels[0]) > 50 and voxels[0] == voxels[1]
     np.testing.assert_allclose(np.ptp(found.path, axis=0), (1.1, 0, 0), atol=1e-6)
+
+
+def test_a_bag_of_enhanced_frames_is_a_recording_of_the_points(tmp_path):
+    """Its own cloud is not taken for a LiDAR's, and its points give the same cloud."""
+    pytest.importorskip("rosbags")
+    from jradar.outputs.published import published_frame
+    from jradar.outputs.writers import open_writer
+    from jradar.recordings import open_recording
+
+    walk = recording(*(points(50, seed) for seed in range(4)), poses=True)
+    found = enhance_recording(walk, MODEL)
+    writer, clouds = open_writer(tmp_path / "walk.ros2"), []
+    for frame in found:
+        writer.write(published_frame(walk, frame))
+        clouds.append(frame.cloud)
+    writer.close()
+    again = open_recording(tmp_path / "walk.ros2")
+    assert again.lidar is None and len(again.points) == 4
+    np.testing.assert_allclose(again.base_from_radar, np.eye(4))
+    np.testing.assert_allclose(again.poses.xyz[:, 0], [0, 0.1, 0.2, 0.3], atol=1e-6)
+    for frame, cloud in zip(enhance_recording(again, MODEL), clouds, strict=True):
+        np.testing.assert_array_equal(frame.cloud.valid, cloud.valid)
+        np.testing.assert_allclose(frame.cloud.xyz, cloud.xyz, atol=1e-4)
+
+
+def walk_past(count, *, poses, jump=None, period_s=0.1):
+    """Frames of points at rest, and of one that moves, from a radar that moves ahead.
+
+    With `jump`, the poses from that frame on are 1 m farther ahead.
+    """
+    rng, clouds = np.random.default_rng(5), []
+    world = rng.uniform([4, -3, -1], [9, 3, 1], (60, 3))
+    for k in range(count):
+        xyz = np.concatenate([world, [[4.0, 2.0, 0.5]]]) - [0.1 * k, 0, 0]
+        away = xyz / np.linalg.norm(xyz, axis=1, keepdims=True)
+        velocity = -away[:, 0] * 0.1 / period_s
+        velocity[-1] += 2.0
+        valid = np.ones(len(xyz), bool)
+        columns = (np.float32(column) for column in (xyz, velocity))
+        xyz, velocity = columns
+        clouds.append(PointCloud(xyz, valid, velocity))
+    walk = recording(*clouds, poses=poses)
+    stamps = period_s * np.arange(count)
+    walk = walk._replace(points=Stream(clouds.__getitem__, count, stamps))
+    if jump is not None:
+        xyz = walk.poses.xyz.copy()
+        xyz[walk.poses.stamps > stamps[jump] - 0.05, 0] += 1.0
+        walk = walk._replace(poses=walk.poses._replace(xyz=xyz))
+    return walk
+
+
+def joined(walk, seconds):
+    last = LastPoints(walk, seconds)
+    stamps = walk.points.stamps
+    clouds = [
+        last.add(k, stamps[k], walk.frames[k].padded()) for k in range(len(stamps))
+    ]
+    return clouds, [*last.warnings()]
+
+
+@pytest.mark.parametrize("poses", [True, False])
+def test_points_of_the_last_seconds_lie_where_they_are_now(poses):
+    clouds, warnings = joined(walk_past(8, poses=poses), 0.35)
+    cloud = clouds[-1]
+    ages, valid = np.asarray(cloud.age), np.asarray(cloud.valid)
+    np.testing.assert_allclose(np.unique(ages[valid]), [0, 0.1, 0.2, 0.3], atol=1e-6)
+    assert valid.sum() == 61 + 3 * 60  # the mover is of the present frame alone
+    present = np.asarray(cloud.xyz)[:60]
+    for part in range(3):
+        earlier = np.asarray(cloud.xyz)[61 + 60 * part :][:60]
+        np.testing.assert_allclose(earlier, present, atol=1e-2 if poses else 0.05)
+    assert not warnings
+
+
+@pytest.mark.parametrize(
+    ("walk", "seconds", "reason"),
+    [
+        (walk_past(6, poses=True, jump=3), 1.0, "frame 3: the poses before it jump"),
+        (walk_past(3, poses=True, period_s=30.0), 1.0, "the time before it jumps"),
+    ],
+)
+def test_earlier_points_are_dropped_where_motion_breaks(walk, seconds, reason):
+    clouds, (warning,) = joined(walk, seconds)
+    assert reason in warning
+    alone = 3 if "poses" in reason else 1
+    assert clouds[alone].valid.sum() == 61 and not np.any(clouds[alone].age)
+
+
+def test_without_motion_a_frame_stands_alone():
+    walk = recording(*(points(60, seed, velocity=False) for seed in range(3)))
+    clouds, (warning,) = joined(walk, 1.0)
+    assert "frame 1 and 1 more: the radar's motion into it is unknown" in warning
+    assert [int(cloud.valid.sum()) for cloud in clouds] == [60, 60, 60]
+
+
+def test_history_gives_the_same_cloud_wherever_one_starts():
+    walk = walk_past(6, poses=True)
+    whole = [*enhance_recording(walk, MODEL, history_s=0.25)]
+    (last,) = enhance_recording(walk, MODEL, history_s=0.25, frames=range(5, 6))
+    np.testing.assert_array_equal(whole[5].cloud.valid, last.cloud.valid)
+    np.testing.assert_allclose(whole[5].cloud.xyz, last.cloud.xyz, atol=1e-5)
+    assert last.describe()["radar points"] == 61 + 2 * 60
+
+
+def test_history_and_fusion_exclude_each_other():
+    with pytest.raises(UsageError, match="expected one of them"):
+        enhance_recording(walk_past(3, poses=True), MODEL, history_s=1.0, fuse=2)
+    with pytest.raises(UsageError, match="polar images sees no points"):
+        Pipeline(walk_past(3, poses=True), POLAR, history_s=1.0)
