@@ -37,6 +37,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
             recording,
             model=model,
             fuse=options.fuse,
+            history_s=options.history,
             seed=options.seed,
             anyway=options.anyway,
             **stream.quickest(model, **given_drawing(options)),

@@ -1,5 +1,6 @@
 """Makes the clouds and the picture that are published, from a frame of the cable."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -20,13 +21,18 @@ from jradar.outputs.published import (
 )
 from jradar.pipeline import Pipeline, Stages
 from jradar.pipeline.stages import Measured
+from jradar.pipeline.together import MOST_POINTS
 from jradar.radar import PointSpec
 from jradar.recordings import Recording, Stream, nearest_scan
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
-from jradar.types import PointCloud
+from jradar.types import SIZES, PointCloud
 
 LEAST = "least_confidence"  # the option of drawing that every model takes
+TOGETHER = [size for size in SIZES if size <= MOST_POINTS]  # of several frames
+ROWS: Any = np.ones((1, 3), np.float32), np.ones(1, bool)
+COLUMN: Any = np.ones(1, np.float32)
+USUAL = PointCloud(*ROWS, velocity=COLUMN, snr=COLUMN)
 
 
 def radar_on_the_cable(
@@ -66,6 +72,7 @@ class Processor:
         model: Model | None = None,
         points: PointSpec | None = None,
         fuse: int = 1,
+        history_s: float = 0.0,
         seed: int = 0,
         anyway: bool = False,
         **drawing: Unpack[Drawing],
@@ -84,7 +91,8 @@ class Processor:
             self._stages = Stages(key, radar, None, points=points)
         else:
             options = {"seed": seed, "fuse": fuse, "anyway": anyway, **drawing}
-            self.pipeline = Pipeline(recording, model, points=points, **options)
+            options |= {"points": points, "history_s": history_s}
+            self.pipeline = Pipeline(recording, model, **options)
         self._base_from = sensor_places(recording)
 
     @property
@@ -105,21 +113,28 @@ class Processor:
         return data if self.recording.of_points else self.cube(data)
 
     def warm_up(self) -> None:
-        """Run a frame through everything: zeros, or the first of a radar's points.
+        """Run frames through everything, one of each size that is to be compiled.
 
         Points that are still to come are taken to have velocities and SNRs.
         """
-        if not self.recording.of_points:
-            first = self.cube(np.zeros(frame_bytes(self.recording), np.uint8))
-        elif len(self.recording.frames):
-            first = self.recording.frames[0]
+        if self.recording.of_points:
+            frames = self._first_points()
         else:
-            rows: Any = np.zeros((0, 3), np.float32), np.zeros(0, bool)
-            columns: Any = dict.fromkeys(("velocity", "snr"), np.zeros(0, np.float32))
-            first = PointCloud(*rows, **columns)
-        self.published(first, 0, 0.0)
+            zeros = np.zeros(frame_bytes(self.recording), np.uint8)
+            frames = [self.cube(zeros)]
+        for measured in frames:
+            self.published(measured, 0, 0.0)
         if self.pipeline is not None:
             self.pipeline.reset()
+
+    def _first_points(self) -> Iterator[PointCloud]:
+        """Yield a cloud like the first, or as large as several frames together."""
+        first = next(iter(self.recording.frames), USUAL)
+        together = self.pipeline is not None and self.pipeline.history_s > 0
+        for size in TOGETHER if together else [len(first.valid)]:
+            yield jax.tree.map(
+                lambda c, n=size: np.ones((n, *c.shape[1:]), c.dtype), first
+            )
 
     def published(
         self,
@@ -129,20 +144,25 @@ class Processor:
     ) -> Published:
         """Return the clouds of a frame, and the picture of samples.
 
-        `measured` holds the samples, or the points of a radar that sends these.
+        `measured` holds the samples, or the points of a radar that sends these. Frames
+        of a recording that is played move as they did when they were recorded.
         """
+        count, stamps = len(self.recording.frames), self.recording.frames.stamps
+        index = number % count if count else None  # of a replay
+        moved_s = stamp_s
+        if index is not None and stamps is not None:
+            moved_s = float(stamps[index])
         if self.pipeline is None:
             frame = self._stages.observe(measured)
             clouds = {"radar": frame.points}
         else:
-            frame = self.pipeline.frame(number, measured, stamp_s)
+            frame = self.pipeline.frame(number, measured, moved_s)
             clouds = {"radar": frame.points, "enhanced": frame.cloud}
         picture = moved = None
         if frame.samples is not None:
             picture = range_azimuth(frame.samples, self.recording.radar.spec)
         clouds, picture = jax.device_get((clouds, picture))
-        if frames := len(self.recording.frames):  # of a replay
-            index = number % frames
+        if index is not None:
             moved = odom_from_base(self.recording, index)
             if (scan := nearest_scan(self.recording, index)) is not None:
                 clouds[LIDAR_FRAME] = lidar_cloud(scan)

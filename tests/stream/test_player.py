@@ -1,6 +1,7 @@
 """A recording of points is played at its times."""
 
 import time
+import types
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,22 @@ def test_a_session_publishes_the_radars_points_the_scans_and_the_poses():
         scan = frame.clouds["lidar"].xyz
         np.testing.assert_allclose(scan, [[number - 1, number + 1, number + 1]])
         assert frame.picture is None and "enhanced" not in frame.clouds
+
+
+def test_motion_between_frames_is_that_of_the_recording_not_of_its_replay():
+    stamps = 1e9 + np.array([0.0, 0.1, 0.2, 0.4])
+    processor = Processor(Recording("walk", Path("walk"), points=points(stamps)))
+    seen = []
+
+    def frame(number, cloud, stamp_s):
+        seen.append((number, stamp_s))
+        return types.SimpleNamespace(samples=None, points=cloud, cloud=cloud)
+
+    processor.pipeline = types.SimpleNamespace(frame=frame)
+    for number in (0, 3, 4):  # the last is the first again
+        shown = processor.published(CLOUDS[number % 4], number, 2e9 + number)
+        assert shown.stamp_s == 2e9 + number
+    assert seen == [(0, stamps[0]), (3, stamps[3]), (4, stamps[0])]
 
 
 def test_a_recording_is_repeated_with_numbers_that_go_on():
