@@ -6,9 +6,10 @@ was stopped resumes after its last complete shard, and any number of workers wri
 same bytes. One worker runs in this process; several run in a local Dask cluster, or in
 the cluster at `scheduler`, whose machines must see the same files.
 
-All sequences of a folder have the same antennas. Chirps may differ: each sequence is
-processed with its own radar. The manifest's `radar` is that of most sequences, and
-`other_radars` lists the others with the names of their sequences.
+All sequences of a folder hold samples of the same antennas, or all hold points that a
+radar sent. Chirps may differ: each sequence is processed with its own radar. The
+manifest's `radar` is that of most sequences, and `other_radars` lists the others with
+the names of their sequences. It is null for points of a radar that was not described.
 """
 
 import contextlib
@@ -32,7 +33,13 @@ from jradar.data.frames import (
     prepare_frame,
     radar_side,
 )
-from jradar.data.records import FORMAT, finished_shard, write_shard
+from jradar.data.records import (
+    FORMAT,
+    POINTS,
+    SAMPLES,
+    finished_shard,
+    write_shard,
+)
 from jradar.data.sources import Source, find_sources
 from jradar.data.spec import PrepareSpec
 from jradar.data.workers import run_jobs
@@ -43,7 +50,7 @@ from jradar.radar import Radar, RadarSpec
 from jradar.recordings.recording import Recording
 
 COMPARED = ("radar", "options", "frames", "names")  # fields of the manifest
-OPTIONAL = ("other_radars",)  # compared, too, where there are any
+OTHERS = "other_radars"  # compared, too, where there are any
 ARRAY = (  # fields of radars whose frames may share a folder
     *("tx_positions", "rx_positions", "row_spacing", "design_frequency_hz"),
     "real_samples",
@@ -215,13 +222,54 @@ def _opened(source: Source) -> Recording:
 def _head(sources, spec, frames):
     """Return the manifest's part that determines the bytes of the shards.
 
-    Its `radar` is that of most sequences. Raises ValueError for radars with different
-    antennas, and for options that do not suit one of them.
+    Its `radar` is that of most sequences. Raises UsageError for samples and points
+    together, and ValueError for samples of radars with different antennas, and for
+    options that do not suit one of them.
     """
-    of_radar: dict[RadarSpec, list[str]] = {}
+    of_content: dict[str, list[str]] = {}
+    of_radar: dict[RadarSpec | None, list[str]] = {}
     for source in sources:
-        of_radar.setdefault(source.open().radar.spec, []).append(source.name)
+        recording = source.open()
+        of_content.setdefault(_content(recording), []).append(source.name)
+        radar = None if recording.radar is None else recording.radar.spec
+        of_radar.setdefault(radar, []).append(source.name)
+    if len(of_content) > 1:
+        raise UsageError(
+            f"{of_content[SAMPLES][0]} holds a radar's samples and "
+            f"{of_content[POINTS][0]} the points that a radar sent, expected one kind: "
+            "prepare them into different folders"
+        )
+    (content,) = of_content
     radars = sorted(of_radar, key=lambda radar: -len(of_radar[radar]))  # stable
+    if content == SAMPLES:
+        _check_arrays(of_radar, radars, spec)
+    head = {
+        "format": FORMAT,
+        "jradar": __version__,
+        "complete": False,
+        "content": content,
+        "radar": _described(radars[0]),
+        "options": dataclasses.asdict(spec),
+        "frames": [frames.start, frames.stop],
+        "names": [source.name for source in sources],
+    }
+    others = [
+        {"radar": _described(radar), "sequences": of_radar[radar]}
+        for radar in radars[1:]
+    ]
+    return head | ({OTHERS: others} if others else {})
+
+
+def _content(recording: Recording) -> str:
+    return SAMPLES if len(recording.cubes) or recording.points is None else POINTS
+
+
+def _described(radar: RadarSpec | None) -> dict[str, Any] | None:
+    return None if radar is None else dataclasses.asdict(radar)
+
+
+def _check_arrays(of_radar, radars, spec):
+    """Raise ValueError for radars whose antennas differ, and for unsuited options."""
     if len({tuple(getattr(r, name) for name in ARRAY) for r in radars}) > 1:
         names = [f"{r.name} {r.cube_shape} of {of_radar[r][0]}" for r in radars]
         raise ValueError(
@@ -233,20 +281,6 @@ def _head(sources, spec, frames):
         dtype = np.float32 if radar.real_samples else np.complex64
         cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
         jax.eval_shape(functools.partial(radar_side, spec=spec), cube, Radar(radar))
-    head = {
-        "format": FORMAT,
-        "jradar": __version__,
-        "complete": False,
-        "radar": dataclasses.asdict(radars[0]),
-        "options": dataclasses.asdict(spec),
-        "frames": [frames.start, frames.stop],
-        "names": [source.name for source in sources],
-    }
-    others = [
-        {"radar": dataclasses.asdict(radar), "sequences": of_radar[radar]}
-        for radar in radars[1:]
-    ]
-    return head | ({"other_radars": others} if others else {})
 
 
 def _check_contents(folder) -> dict[str, Any]:
@@ -270,7 +304,9 @@ def _check_options(folder, head):
     A preparation that has not finished a shard may be replaced by another.
     """
     found, wanted = _check_contents(folder), json.loads(json.dumps(head))
-    keys = (*COMPARED, *OPTIONAL)
+    # Records of an older version do not name their content.
+    found = found and {"content": SAMPLES, **found}
+    keys = ("content", *COMPARED, OTHERS)
     changed = [key for key in keys if found and found.get(key) != wanted.get(key)]
     if changed and any(folder.glob("*/*.array_record")):
         key = changed[0]
@@ -282,7 +318,7 @@ def _check_options(folder, head):
 
 def _difference(key, old, new):
     """Return in words how two values of this field of the manifest differ."""
-    if key in OPTIONAL:
+    if key == OTHERS:
         count = (len(listed or []) for listed in (old, new))
         return "{} were listed, now {} with other fields".format(*count)
     if key == "names":
@@ -318,9 +354,9 @@ def _chosen(source, spec, frames):
     wanted = source.frames(recording, frames)
     if not wanted and source.part != (0.0, 1.0):
         raise UsageError(
-            f"{source.name}: a recording of {len(recording.cubes)} frames is too short "
-            "to be cut into two parts: record longer, or name another recording by "
-            "--validation"
+            f"{source.name}: a recording of {len(recording.frames)} frames is too "
+            "short to be cut into two parts: record longer, or name another recording "
+            "by --validation"
         )
     dropped = {i: why for i, why in matches.dropped.items() if i in wanted}
     check_dropped(recording.name, len(wanted), dropped)
@@ -337,13 +373,16 @@ def _summary(source, matches, shards, spec, frames):
     check_dropped(source.name, count, dropped)
     reasons = [*dropped.values()]
     keys = ("file", "frames", "bytes", "sha256")
-    points = spec.points.subtracting(recording.radar.leakage)
+    windows = {}
+    if _content(recording) == SAMPLES:
+        points = spec.points.subtracting(recording.radar.leakage)
+        windows["windows"] = [points.doppler_window, points.range_window]
     return {
         "name": source.name,
         "split": source.split,
         "frames": sum(len(shard["frames"]) for shard in shards),
         "dropped": {why: reasons.count(why) for why in dict.fromkeys(reasons)},
         "notes": list(recording.notes),
-        "windows": [points.doppler_window, points.range_window],
+        **windows,
         "shards": [{key: shard[key] for key in keys} for shard in shards],
     }
