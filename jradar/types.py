@@ -30,6 +30,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jradar.compiled import jit
 
 Limit = float | Float[Array, ""]
+SIZES = 1 << 10, 1 << 12, 1 << 14, 1 << 16  # of clouds that a radar sends, padded
 
 
 class PointCloud(NamedTuple):
@@ -63,6 +64,28 @@ class PointCloud(NamedTuple):
             )
         valid = jnp.isfinite(xyz).all(-1) & (xyz != 0).any(-1)
         return cls(jnp.where(valid[..., None], xyz, 0.0), valid)
+
+    def padded(self) -> "PointCloud":
+        """Return one cloud with padding added, to 1,024, 4,096, 16,384 or 65,536.
+
+        Clouds of a few sizes are compiled once each. Raises ValueError for a cloud that
+        is larger than a radar's.
+        """
+        count = self.valid.shape[-1]
+        size = next((size for size in SIZES if size >= count), None)
+        if size is None:
+            raise ValueError(
+                f"a frame of {count:,} points, expected at most {SIZES[-1]:,} of a "
+                "radar: is it a LiDAR's, or of many frames? Name the radar's own topic "
+                "or file"
+            )
+
+        def pad(column):
+            empty = ((0, size - count), *((0, 0),) * (column.ndim - 1))
+            return np.pad(np.asarray(column), empty)
+
+        columns = {k: v for k, v in self._asdict().items() if v is not None}
+        return self._replace(**{name: pad(v) for name, v in columns.items()})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the valid points of one cloud: .ply, .pcd, .csv or .npz.

@@ -107,13 +107,13 @@ def _velocities(options: argparse.Namespace) -> "tuple[Recording, Velocities]":
             f"{options.path}: {len(frames)} of frames 0 to {count - 1} are chosen, "
             "expected 2 or more, because the motion is between frames"
         )
-    measured = jradar.motion.cloud_velocities
-    if len(recording.cubes):
-        recording = jradar.recordings.with_sample_doubts(recording, frames[0])
-        points = dataclasses.replace(POINTS, **given(options, "folds"))
-        measured = functools.partial(jradar.motion.frame_velocities, points=points)
+    recording = jradar.recordings.with_sample_doubts(recording, frames[0])
+    points = dataclasses.replace(POINTS, **given(options, "folds"))
     with progress("odometry", len(frames), unit="frames") as show:
-        return recording, measured(recording, frames=frames, advance=show)
+        found = jradar.motion.frame_velocities(
+            recording, frames=frames, points=points, advance=show
+        )
+    return recording, found
 
 
 def map_(options: argparse.Namespace) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def map_(options: argparse.Namespace) -> dict[str, Any]:
     model = jradar.load_model(options.model)
     mapping.column_grid(model)  # refuses a model of frames
     recording = jradar.open_recording(options.path, **opening(options))
-    frames = range(*options.frames.indices(len(recording.cubes)))
+    frames = range(*options.frames.indices(len(recording.frames)))
     with progress("mapping", len(frames), unit="frames") as show:
         found = mapping.map_recording(
             recording, model, frames=frames, rotation=options.rotation, advance=show

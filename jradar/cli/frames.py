@@ -72,7 +72,6 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         options.frames = options.frames or slice(None)
     model = jradar.load_model(options.model)
     recording, frames = open_frames(options)
-    jradar.recordings.need_samples(recording)
     pictured = not options.frames if options.picture is None else options.picture
     folder = None
     if not streamed:
@@ -163,7 +162,8 @@ def _folder(
         kind=options.format,
         several=bool(options.frames),
         flat=options.flat,
-        pictured=recording.radar.spec if pictured else None,
+        pictured=pictured,
+        radar=None if recording.of_points else recording.radar.spec,
     )
 
 

@@ -1,7 +1,7 @@
 """Maps of a recording: the radar's own, and the one that a LiDAR would have made."""
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from jradar.mapping.voxel_map import SensorModel, VoxelMap
 from jradar.model import ColumnGrid, Model
 from jradar.motion import ego_velocity, frame_velocities, odometry
 from jradar.outputs.clouds import write_ply
-from jradar.pipeline import detect_recording
+from jradar.pipeline import chosen_frames, detect_recording
 from jradar.radar import PointSpec
 from jradar.recordings import Recording
 from jradar.types import PointCloud
@@ -82,33 +82,40 @@ def map_recording(
 ) -> RecordingMap:
     """Return the maps of a recording's frames; host.
 
-    The recorded poses are used. Without them, poses follow from Doppler and `rotation`,
-    by default the IMU's where there is one. Detections that move are left out. Raises
-    UsageError for poses that jump, and if no detection is left.
+    Points are the radar's own, or those that a detector with `points` finds. The
+    recorded poses are used. Without them, poses follow from Doppler and `rotation`, by
+    default the IMU's where there is one. Points that move are left out. Raises
+    UsageError for poses that jump, and if no point is left.
     """
-    found = detect_recording(recording, points=points, frames=frames)
-    poses, notes = radar_poses(recording, found.frames, rotation=rotation)
-    notes += [*_check_path(recording, found.frames, poses[:, :3, 3])]
-    radar = recording.radar.spec
-    if not radar.has_elevation:
-        notes.append("the array has one row, so the map shows only its plane")
+    chosen, found = chosen_frames(recording, frames), None
+    if recording.of_points:
+        clouds = (recording.frames[frame].padded() for frame in chosen)
+    else:
+        found = detect_recording(recording, points=points, frames=chosen)
+        clouds = (frame.points for frame in found)
+    poses, notes = radar_poses(recording, chosen, rotation=rotation)
+    notes += [*_check_path(recording, chosen, poses[:, :3, 3])]
+    elevation = recording.has_elevation
+    if not elevation:
+        notes.append("the radar measures one plane, so the map shows only that")
+    moves = recording.of_points or recording.radar.spec.num_chirps > 1
     key = jax.random.key(0)
 
-    def still(frame):
-        """Return the points of a frame that do not move."""
-        kept = np.asarray(frame.points.valid)
-        if radar.num_chirps > 1:
-            motion = ego_velocity(key, frame.points, elevation=radar.has_elevation)
+    def still(cloud: PointCloud) -> Points:
+        """Return the points that do not move."""
+        kept = np.asarray(cloud.valid)
+        if moves and cloud.velocity is not None:
+            motion = ego_velocity(key, cloud, elevation=elevation)
             kept = kept & ~np.asarray(motion.moving)
-        return np.asarray(frame.points.xyz)[kept]
+        return np.asarray(cloud.xyz)[kept]
 
-    return map_clouds(
-        map(still, found),
-        poses,
-        model,
-        notes=[*found.warnings, *notes],
-        advance=advance,
-    )
+    def said() -> Iterator[str]:
+        """Yield the notes, once all frames are mapped."""
+        yield from () if found is None else found.warnings
+        yield from notes
+
+    still_ones = map(still, clouds)
+    return map_clouds(still_ones, poses, model, notes=said(), advance=advance)
 
 
 def map_clouds(
@@ -131,7 +138,7 @@ def map_clouds(
     occupied = likely_first(*voxels.occupied())
     if not len(occupied.voxels):
         raise UsageError(
-            f"no detections within {voxels.sensor.max_range_m:g} m in these frames, "
+            f"no points within {voxels.sensor.max_range_m:g} m in these frames, "
             "expected some to make a map of"
         )
     path = poses[:, :3, 3]
@@ -149,13 +156,13 @@ def radar_poses(
     The recorded poses are used. Without them, or with `rotation`, poses follow from
     Doppler.
     """
-    stamps, mount = recording.cubes.stamps, recording.base_from_radar
+    stamps, mount = recording.frames.stamps, recording.base_from_radar
     if recording.poses is not None and rotation is None and stamps is not None:
         notes = []
         if mount is None:
             mount = np.eye(4)
             notes.append("the radar's place on the base is unknown, and taken as 0")
-        middle = np.asarray(stamps)[list(frames)] + recording.radar.spec.frame_middle_s
+        middle = np.asarray(stamps)[list(frames)] + recording.frame_middle_s
         return interpolate_poses(recording.poses, middle) @ mount, notes
     velocities = frame_velocities(recording, frames=frames)
     rotation = rotation or ("none" if recording.imu is None else "imu")
@@ -165,7 +172,7 @@ def radar_poses(
 
 def _check_path(recording, frames, path):
     """Yield notes on a path that jumps or shows little; UsageError if it jumps far."""
-    stamps = recording.cubes.stamps
+    stamps = recording.frames.stamps
     if stamps is not None and len(path) > 1:
         seconds = np.maximum(np.diff(np.asarray(stamps)[list(frames)]), 1e-3)
         velocity = np.diff(path, axis=0) / seconds[:, None]

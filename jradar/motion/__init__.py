@@ -1,6 +1,6 @@
 """Motion: where the radar went, from its Doppler and a sensor of orientation.
 
-    velocities = frame_velocities(recording)            # or cloud_velocities of a bag
+    velocities = frame_velocities(recording)
     trajectory = odometry(recording, velocities, rotation="imu")
     write_tum("trajectory.tum", trajectory)
 
@@ -21,6 +21,5 @@ from jradar.motion.trajectory import (
 )
 from jradar.motion.velocities import (
     Velocities as Velocities,
-    cloud_velocities as cloud_velocities,
     frame_velocities as frame_velocities,
 )

@@ -53,10 +53,12 @@ class Follower:
         before it. `velocity` is the radar's own in m/s, along its axes, NaN where
         unknown. A transform is NaN where the motion is unknown. Frames come in order.
         """
-        radar = self._recording.radar.spec
-        stamp = stamp_s + radar.frame_middle_s
-        if radar.num_chirps < 2 or not radar.has_azimuth:
-            velocity = np.full(3, np.nan)  # one chirp or one column does not measure it
+        recording = self._recording
+        stamp = stamp_s + recording.frame_middle_s
+        if not recording.of_points:
+            radar = recording.radar.spec
+            if radar.num_chirps < 2 or not radar.has_azimuth:
+                velocity = np.full(3, np.nan)  # which they do not measure
         self._stamps.append(float(stamp))
         self._velocities.append(np.asarray(velocity, float))
         self._learn_bias()

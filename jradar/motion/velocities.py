@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from jradar.errors import UsageError
 from jradar.motion.doppler import ego_velocity
 from jradar.radar import PointSpec, radar_points
-from jradar.recordings import Recording, need_samples
+from jradar.recordings import Recording
 from jradar.types import PointCloud
 
 POINTS = PointSpec(capacity=512)
@@ -40,85 +40,69 @@ def frame_velocities(
 ) -> Velocities:
     """Return the radar's velocity in each of `frames`, by default in all; host.
 
-    With `points.folds`, velocities beyond the unambiguous one are found, too. `advance`
-    is called with the number of frames done. Raises UsageError if the frames have no
-    times or the radar has no Doppler.
+    The velocities of points that a radar sends are taken as unambiguous. With
+    `points.folds`, those of samples are found beyond the unambiguous one, too.
+    `advance` is called with the number of frames done. Raises UsageError if the frames
+    have no times or no Doppler.
     """
-    need_samples(recording)
-    radar, stamps = recording.radar.spec, recording.cubes.stamps
-    chosen = range(len(recording.cubes)) if frames is None else frames
+    stamps = recording.frames.stamps
+    chosen = range(len(recording.frames)) if frames is None else frames
     if stamps is None or not len(chosen):
+        fix = ": set frame_period_s, or name the frames' stamps"
         raise UsageError(
-            f"{recording.path}: {len(chosen)} frames, expected some with known times: "
-            "set frame_period_s, or name the frames' stamps"
+            f"{recording.path}: {len(chosen)} frames, expected some with known times"
+            f"{'' if recording.of_points else fix}"
         )
+    measured = _sent if recording.of_points else _detected(recording, points)
+    key, rows = jax.random.key(0), []
+    elevation = recording.has_elevation
+    for done, frame in enumerate(chosen, 1):
+        cloud, limit = measured(recording, frame)
+        found = ego_velocity(
+            jax.random.fold_in(key, frame),
+            cloud,
+            elevation=elevation,
+            unambiguous_mps=limit,
+            folds=0,
+        )
+        counts = (mask.sum() for mask in (cloud.valid, found.inliers, found.moving))
+        rows.append((found.velocity, found.covariance, *counts))
+        advance(done)
+    return _velocities(stamps[list(chosen)] + recording.frame_middle_s, rows)
+
+
+Measured = tuple[PointCloud, float | None]  # points, and their unambiguous velocity
+
+
+def _sent(recording: Recording, frame: int) -> Measured:
+    """Return the points of a frame; UsageError if they have no velocity."""
+    cloud = recording.frames[frame]
+    if cloud.velocity is None:
+        raise UsageError(
+            f"{recording.path}: the points have no Doppler velocity, from which the "
+            "radar's own would follow"
+        )
+    return PointCloud(cloud.xyz, cloud.valid, cloud.velocity).padded(), None
+
+
+def _detected(
+    recording: Recording, points: PointSpec | None
+) -> Callable[[Recording, int], Measured]:
+    """Return the function that detects the points of a frame's samples."""
+    radar = recording.radar.spec
     if radar.num_chirps < 2 or not radar.has_azimuth:
         raise UsageError(
             f"{radar.name} sends {radar.num_chirps} chirps a frame to an array of "
             f"{radar.num_virtual} antennas, expected 2 chirps or more and azimuths"
         )
     spec = (points or POINTS).fitted(radar)
-    key, rows = jax.random.key(0), []
-    for done, frame in enumerate(chosen, 1):
-        cloud = radar_points(recording.cube(frame), recording.radar, points=spec)
-        found = ego_velocity(
-            jax.random.fold_in(key, frame),
-            cloud,
-            elevation=radar.has_elevation,
-            unambiguous_mps=radar.max_velocity_mps * (2 * spec.folds + 1),
-            folds=0,
-        )
-        counts = (mask.sum() for mask in (cloud.valid, found.inliers, found.moving))
-        rows.append((found.velocity, found.covariance, *counts))
-        advance(done)
-    middle = stamps[list(chosen)] + radar.frame_middle_s
-    return _velocities(middle, rows)
+    limit = radar.max_velocity_mps * (2 * spec.folds + 1)
 
+    def detected(recording: Recording, frame: int) -> Measured:
+        samples = recording.cube(frame)
+        return radar_points(samples, recording.radar, points=spec), limit
 
-def cloud_velocities(
-    recording: Recording,
-    *,
-    frames: Sequence[int] | None = None,
-    advance: Callable[[int], None] = lambda done: None,
-) -> Velocities:
-    """Return the radar's velocity in each frame of a recording of points; host.
-
-    The points' velocities are taken as unambiguous. `frames` and `advance` as in
-    `frame_velocities`. Raises UsageError for points without velocities or times.
-    """
-    points = recording.points
-    chosen = range(len(points or ())) if frames is None else frames
-    if points is None or points.stamps is None or not len(chosen):
-        raise UsageError(
-            f"{recording.path}: {len(chosen)} frames of points, expected some with "
-            "known times"
-        )
-    clouds = [points[frame] for frame in chosen]
-    if any(cloud.velocity is None for cloud in clouds):
-        raise UsageError(
-            f"{recording.path}: the points have no Doppler velocity, from which the "
-            "radar's own would follow"
-        )
-    size, rows = max(1, *(len(cloud.valid) for cloud in clouds)), []
-    elevation = recording.has_elevation
-    for done, cloud in enumerate(clouds, 1):
-        padded = _padded(cloud, size)  # of one size, and compiled once
-        key = jax.random.fold_in(jax.random.key(0), done)
-        found = ego_velocity(key, padded, elevation=elevation)
-        counts = (mask.sum() for mask in (padded.valid, found.inliers, found.moving))
-        rows.append((found.velocity, found.covariance, *counts))
-        advance(done)
-    return _velocities(points.stamps[list(chosen)], rows)
-
-
-def _padded(cloud: PointCloud, size: int) -> PointCloud:
-    """Return place and velocity of a cloud of NumPy arrays, padded to `size` points."""
-    table = np.zeros((size, 4), np.float32)
-    table[: len(cloud.valid)] = np.column_stack(
-        [np.asarray(cloud.xyz), np.asarray(cloud.velocity)]
-    )
-    valid = np.arange(size) < len(cloud.valid)
-    return PointCloud(table[:, :3], valid, table[:, 3])  # pyright: ignore[reportArgumentType]
+    return detected
 
 
 def outliers(velocities: Velocities) -> Bool[np.ndarray, " frame"]:

@@ -55,16 +55,17 @@ class FrameFolder:
         kind: str = "ply",
         several: bool = False,
         flat: bool = False,
-        pictured: RadarSpec | None = None,
+        pictured: bool = False,
+        radar: RadarSpec | None = None,
     ):
         """Raise UsageError if files of these frames must not be replaced.
 
-        A picture of each frame is written if `pictured` names the radar, and the folder
-        is not flat.
+        A picture of each frame is written if it is `pictured`, and the folder is not
+        flat. The `radar` is that of frames with samples.
         """
         self._folder, self._clouds, self._kind = folder, clouds, kind
         self._several, self._flat = several, flat
-        self._pictured = pictured is not None and not flat
+        self._pictured = pictured and not flat
         folder.check(name for frame in frames for name in self._names(frame))
         for part in (folder.path / name for name in clouds if flat):
             if part.is_dir() and any(part.iterdir()) and not folder.force:
@@ -72,9 +73,9 @@ class FrameFolder:
                     f"{part} is not empty, and tools read all clouds in a folder: "
                     "name another output, or add --force"
                 )
-        if pictured is not None and not flat:  # while the first frame is computed
+        if self._pictured and radar is not None:  # while the first frame is computed
             thread = ThreadPoolExecutor(1)
-            self._azimuths = thread.submit(_azimuth_program, pictured)
+            self._azimuths = thread.submit(_azimuth_program, radar)
             thread.shutdown(wait=False)
 
     def write_detected(
@@ -155,13 +156,16 @@ class FrameFolder:
         more: str = "",
     ) -> "Figure":
         """Draw the maps and the clouds, with the LiDAR's if there is one."""
-        radar = recording.radar
+        radar, maps, points = recording.radar, None, frame.points
+        if frame.samples is not None:
+            angles = self._azimuths.result()(frame.samples)
+            maps = _viz().CaptureMaps(frame.power, angles, radar.spec)
+            if isinstance(frame, Frame):
+                points = detections(frame, radar)
         return _viz().capture_figure(
-            frame.power,
-            self._azimuths.result()(frame.samples),
-            radar.spec,
-            detections(frame, radar) if isinstance(frame, Frame) else frame.points,
+            points,
             view,
+            maps=maps,
             dense=dense,
             metres=range_image,
             polar=polar_image,

@@ -70,7 +70,7 @@ def published(
 
     Without stamps, frames follow one another in the radar's frame period, or in 0.1 s.
     """
-    stamps, period_s = recording.cubes.stamps, recording.radar.spec.frame_period_s
+    stamps, period_s = recording.frames.stamps, recording.frame_period_s
     stamp_s = frame * (period_s or FALLBACK_PERIOD_S)
     if stamps is not None:
         stamp_s = float(stamps[frame])
@@ -83,7 +83,9 @@ def published_frame(recording: Recording, frame: Frame) -> Published:
     clouds = {"radar": frame.points, "enhanced": frame.cloud}
     if (lidar := nearest_scan(recording, frame.number)) is not None:
         clouds[LIDAR_FRAME] = lidar_cloud(lidar)
-    picture = np.asarray(range_azimuth(frame.samples, recording.radar.spec))
+    picture = None
+    if frame.samples is not None:
+        picture = np.asarray(range_azimuth(frame.samples, recording.radar.spec))
     return published(recording, frame.number, clouds, picture)
 
 
@@ -97,7 +99,7 @@ def sensor_places(recording: Recording) -> dict[str, np.ndarray]:
 
 def odom_from_base(recording: Recording, frame: int) -> np.ndarray | None:
     """Return the recorded pose of the base at the time of a frame; None if unknown."""
-    stamps, poses = recording.cubes.stamps, recording.poses
+    stamps, poses = recording.frames.stamps, recording.poses
     if poses is None or stamps is None:
         return None
     try:

@@ -15,6 +15,7 @@ from jradar.pipeline.detecting import (
 )
 from jradar.pipeline.frames import (
     Enhancement as Enhancement,
+    chosen_frames as chosen_frames,
     enhance_recording as enhance_recording,
 )
 from jradar.pipeline.pipeline import (

@@ -20,6 +20,7 @@ from jradar.recordings import (
     Recording,
     check_samples,
     describe,
+    need_samples,
     with_sample_doubts,
 )
 from jradar.recordings.sample_checks import SampleCheck
@@ -96,6 +97,7 @@ class Detection(Iterator[Detected]):
             for number, cube in ahead(reader, self._read, self.frames):
                 observed = self._stages.observe(cube)
                 power, _ = self._stages.detections(observed)
+                assert observed.samples is not None and observed.detected is not None
                 check, detected = check_samples(cube), int(observed.detected)
                 numbers = cube.size * (1 + np.iscomplexobj(cube))
                 yield Detected(
@@ -139,6 +141,7 @@ def detect_recording(
     Windows and angle bins of `points` are fitted to the radar. Raises UsageError for
     frames that the recording does not have.
     """
+    need_samples(recording)
     chosen = chosen_frames(recording, frames)
     return Detection(with_sample_doubts(recording, chosen[0]), points, chosen)
 
@@ -150,7 +153,7 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     clocks.
     A recording of points alone has no samples to describe.
     """
-    if not len(recording.cubes):
+    if recording.of_points:
         return describe(recording)
     radar, one = recording.radar.spec, range(frame, frame + 1)
     doubted = with_sample_doubts(recording, chosen_frames(recording, one)[0])

@@ -58,11 +58,12 @@ class Enhancement(Iterator[Frame]):
         pipeline = self._pipeline
 
         def read(number):
-            return number, self.watch("reading", self.recording.cube, number)
+            read_one = self.recording.frames.__getitem__
+            return number, self.watch("reading", read_one, number)
 
         def observe(frame):
-            number, cube = frame
-            observed = pipeline.observe(cube, self._time(number))
+            number, measured = frame
+            observed = pipeline.observe(measured, self._time(number))
             return number, observed, pipeline.detections(observed)
 
         def answer(frame):
@@ -76,8 +77,8 @@ class Enhancement(Iterator[Frame]):
             ThreadPoolExecutor(1) as processor,
             ThreadPoolExecutor(1) as network,
         ):
-            cubes = ahead(reader, read, (*lead, *self.frames))
-            observed = ahead(processor, observe, cubes)
+            measured = ahead(reader, read, (*lead, *self.frames))
+            observed = ahead(processor, observe, measured)
             for number, detections, found in ahead(network, answer, observed):
                 if number not in lead:
                     stamp = stamp_s(self.recording, number)
@@ -109,6 +110,8 @@ def enhance_recording(
     radar, and for options that the model does not take.
     """
     chosen = chosen_frames(recording, frames)
+    if remove_interference:
+        need_samples(recording)
     model = without_interference(model, remove_interference)
     options = {"seed": seed, "fuse": fuse, "anyway": anyway, **drawing}
     return Enhancement(Pipeline(recording, model, **options), chosen)
@@ -116,8 +119,7 @@ def enhance_recording(
 
 def chosen_frames(recording: Recording, frames: slice | range) -> range:
     """Return the numbers of `frames`; UsageError if the recording lacks some."""
-    need_samples(recording)
-    count = len(recording.cubes)
+    count = len(recording.frames)
     chosen = range(*frames.indices(count)) if isinstance(frames, slice) else frames
     if not chosen or chosen.start < 0 or chosen.stop > count:
         raise UsageError(
@@ -128,7 +130,7 @@ def chosen_frames(recording: Recording, frames: slice | range) -> range:
 
 def stamp_s(recording: Recording, frame: int) -> float | None:
     """Return the time of a frame, None if the recording has no times."""
-    stamps = recording.cubes.stamps
+    stamps = recording.frames.stamps
     return None if stamps is None else float(stamps[frame])
 
 

@@ -34,18 +34,27 @@ def see(
     points: PointCloud,
     condition: Float[Array, "row column channel"],
     model: Model,
-    radar: RadarSpec,
+    radar: RadarSpec | None,
 ) -> Seen:
-    """Return what one frame shows of surfaces, movers and the radar's velocity."""
-    unambiguous = radar.max_velocity_mps * (2 * model.spec.points.folds + 1)
+    """Return what one frame shows of surfaces, movers and the radar's velocity.
+
+    Without a `radar`, it measures elevations, and velocities of any size. Points
+    without velocities show neither movers nor the radar's own.
+    """
+    mixture = mixtures(condition, model)
+    if points.velocity is None:
+        still = jnp.zeros(mixture.returned.shape, bool)
+        return Seen(mixture, still, jnp.full(3, jnp.nan))
+    unambiguous = None
+    if radar is not None:
+        unambiguous = radar.max_velocity_mps * (2 * model.spec.points.folds + 1)
     velocity = ego_velocity(
         jax.random.key(KEY),
         points,
-        elevation=radar.has_elevation,
+        elevation=radar is None or radar.has_elevation,
         unambiguous_mps=unambiguous,
         folds=0,
     ).velocity
-    mixture = mixtures(condition, model)
     limit = {"unambiguous_mps": unambiguous}
     moving = moving_pixels(mixture, points, velocity, view_grid(model), **limit)
     return Seen(mixture, moving, velocity)

@@ -62,9 +62,9 @@ def frame_times(recording: Recording) -> Float[np.ndarray, " frame"] | None:
 
     Without stamps, frames follow one another in the radar's frame period.
     """
-    stamps, period_s = recording.cubes.stamps, recording.radar.spec.frame_period_s
+    stamps, period_s = recording.frames.stamps, recording.frame_period_s
     if stamps is None:
-        return period_s * np.arange(len(recording.cubes)) if period_s else None
+        return period_s * np.arange(len(recording.frames)) if period_s else None
     return np.asarray(stamps, float)
 
 
@@ -73,7 +73,7 @@ def check_history(recording: Recording) -> None:
 
     The times of such frames are unknown, or the frames are too far apart in time.
     """
-    times, count = frame_times(recording), len(recording.cubes)
+    times, count = frame_times(recording), len(recording.frames)
     if times is None or count < 2:
         raise UsageError(
             f"{recording.path} has {count} frames and no known time between them, "

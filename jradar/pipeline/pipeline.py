@@ -1,6 +1,7 @@
 """The steps from a radar's frames to clouds, once for recordings and live radars.
 
-    cube --observe--> samples, points, condition
+    cube, or points that the radar sent
+         --observe--> samples, points, condition
          --answer---> image, with the frames before it where the model or `fuse` asks
          --cloud----> PointCloud
          --judge----> Frame, with warnings
@@ -25,20 +26,22 @@ from jradar.options.drawing import Drawing, given
 from jradar.pipeline import warnings
 from jradar.pipeline.fusion import LastFrames
 from jradar.pipeline.history import LastImages, check_history, frame_times
-from jradar.pipeline.stages import Observed, Stages, Stopwatch
+from jradar.pipeline.stages import Measured, Observed, Stages, Stopwatch
 from jradar.radar import PointSpec
 from jradar.recordings import Recording
 from jradar.types import PointCloud
 
-Cube = Inexact[Any, "tx rx chirp sample"]
+Detections = tuple[
+    Float[Array, "doppler range"] | None, Bool[Array, "doppler range"] | None
+]
 
 
 class Frame(NamedTuple):
-    """One frame of a radar, enhanced."""
+    """One frame of a radar, enhanced; points that it sent have no samples."""
 
     number: int
     stamp_s: float | None  # None if its time is not known
-    samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
+    samples: Inexact[Array, "tx rx chirp sample"] | None  # calibrated, cleaned
     power: Float[Array, "doppler range"] | None  # None if nobody asked for it
     detected: Bool[Array, "doppler range"] | None  # above the noise, 1 in 1,000 false
     points: PointCloud  # of the radar
@@ -50,7 +53,7 @@ class Frame(NamedTuple):
 
     @property
     def empty(self) -> bool:
-        """True if the detector found nothing."""
+        """True if the radar saw nothing."""
         return not np.asarray(self.points.valid).any()
 
     @property
@@ -96,19 +99,18 @@ class Pipeline:
         what the model needs. Raises UsageError for a radar or options that do not suit
         the model.
         """
-        radar = recording.radar
-        if not anyway and (why := warnings.needs_more(model, radar.spec)):
+        if not anyway and (why := warnings.needs_more(model, recording)):
             raise UsageError(why)
         self.recording, self.model, self.fuse = recording, model, fuse
         self.watch = Stopwatch()
         if fuse > 1:
             self._check_fusing(**drawing)
-        if model.spec.frame_grid.history > 1 and len(recording.cubes):
+        if model.spec.frame_grid.history > 1 and len(recording.frames):
             check_history(recording)
         self.reset()
         self._stages = Stages(
             jax.random.key(seed),
-            radar,
+            None if recording.of_points else recording.radar,
             model,
             points=points,
             fuse=fuse,
@@ -122,27 +124,36 @@ class Pipeline:
         self._fused = LastFrames(self.recording, fuse) if fuse > 1 else None
         self._images = LastImages(history) if history > 1 else None
         self._tally = warnings.Tally()
+        self._view = warnings.InView(self.model)
 
-    def frame(self, number: int, cube: Cube, stamp_s: float | None = None) -> Frame:
-        """Return one frame, enhanced: the paper, from samples to a cloud (Fig. 3b)."""
-        observed = self.observe(cube, stamp_s)
+    def frame(
+        self, number: int, measured: Measured, stamp_s: float | None = None
+    ) -> Frame:
+        """Return one frame, enhanced: the paper, from samples to a cloud (Fig. 3b).
+
+        `measured` holds the samples, or the points of a radar that sends these.
+        """
+        observed = self.observe(measured, stamp_s)
         image = self.answer(number, observed, stamp_s)
         cloud = self.cloud(image, observed)
         return self.judge(number, stamp_s, observed, image, cloud)
 
-    def observe(self, cube: Cube, stamp_s: float | None = None) -> Observed:
+    def observe(self, measured: Measured, stamp_s: float | None = None) -> Observed:
         """Return the radar's side of a frame: samples, points and condition."""
-        observed = self._stages.observe(cube)
+        observed = self._stages.observe(measured)
         if self._images is not None:
             time_s = math.nan if stamp_s is None else stamp_s
             whole = self._images.add(observed.condition, time_s)
             observed = observed._replace(condition=whole)
         return observed
 
-    def detections(
-        self, observed: Observed
-    ) -> tuple[Float[Array, "doppler range"], Bool[Array, "doppler range"]]:
-        """Return the power map of a frame, and its cells above the noise."""
+    def detections(self, observed: Observed) -> Detections:
+        """Return the power map of a frame and its cells above the noise.
+
+        Points that the radar sent come without.
+        """
+        if observed.samples is None:
+            return None, None
         return self._stages.detections(observed)
 
     def answer(self, number: int, observed: Observed, stamp_s: float | None) -> Any:
@@ -151,7 +162,7 @@ class Pipeline:
         if self._fused is None:
             return seen
         time_s = math.nan if stamp_s is None else stamp_s
-        return self._stages.fuse(*self._fused.add(number, time_s, seen))
+        return self._stages.fuse(*self._fused.add(number, time_s, seen), observed)
 
     def cloud(self, image: Any, observed: Observed) -> PointCloud:
         """Return the points of an image, and those around the radar's."""
@@ -165,7 +176,7 @@ class Pipeline:
         image: Any,
         cloud: PointCloud,
         *,
-        detections: tuple[Any, Any] = (None, None),
+        detections: Detections = (None, None),
     ) -> Frame:
         """Return a frame with its confidence and its warnings.
 
@@ -192,6 +203,8 @@ class Pipeline:
         alone = warnings.Tally()
         for tally in (alone, self._tally):
             tally.add(frame)
+        if self.recording.of_points:
+            self._view.add(frame.points)
         return frame._replace(warnings=tuple(alone.warnings(self.recording.radar)))
 
     def before(self, frames: range) -> range:
@@ -217,15 +230,17 @@ class Pipeline:
     @property
     def warnings(self) -> Iterator[str]:
         """Warnings about the radar and the frames so far."""
-        yield from warnings.of_model(self.model, self.recording.radar.spec)
-        yield from self._tally.warnings(self.recording.radar)
+        radar, of_points = self.recording.radar, self.recording.of_points
+        yield from warnings.of_model(self.model, None if of_points else radar.spec)
+        yield from self._tally.warnings(radar)
+        yield from self._view.warnings()
         if self._fused is not None:
             yield from self._fused.warnings()
 
     def _check_fusing(self, **drawing: Any) -> None:
         """Raise UsageError for frames that cannot be fused."""
         view_grid(self.model)
-        if len(self.recording.cubes) == 1:
+        if len(self.recording.frames) == 1:
             raise UsageError(
                 f"fuse = {self.fuse}: {self.recording.path} has one frame, expected "
                 "several: leave fuse out"

@@ -91,10 +91,10 @@ def traced(function: Callable[..., Any], *arguments: Any) -> tuple[Program, Any]
         returned, result = jax.tree.flatten(function(*taken.unflatten(values)))
         return returned
 
-    kinds = [_shaped(jax.typeof(leaf)) for leaf in leaves]
+    kinds = [shaped(jax.typeof(leaf)) for leaf in leaves]
     exported = jax.export.export(jax.jit(of_leaves))(*kinds)
     numbers = result.unflatten(range(result.num_leaves))
-    found = result.unflatten(map(_shaped, exported.out_avals))
+    found = result.unflatten(map(shaped, exported.out_avals))
     return Program(bytes(exported.serialize()), numbers), found
 
 
@@ -201,5 +201,6 @@ def _place(name: str) -> Path:
     return Path(folder) / (name + SUFFIX)
 
 
-def _shaped(kind: Any) -> jax.ShapeDtypeStruct:
-    return jax.ShapeDtypeStruct(kind.shape, kind.dtype)
+def shaped(value: Any) -> jax.ShapeDtypeStruct:
+    """Return a placeholder of an array."""
+    return jax.ShapeDtypeStruct(value.shape, value.dtype)

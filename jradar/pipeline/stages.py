@@ -1,14 +1,17 @@
 """The stages of one frame, each compiled on its own so that it can be timed.
 
     cube -> cleaning -> points -> condition -> answer -> [fusion] -> cloud
+    points that a radar sent   -> condition ..
 
-`jradar.enhance` is the same in one function. Every frame uses the same noise, so its
-result does not depend on which other frames are enhanced.
+`jradar.enhance` is the same in one function, `enhance_points` the second line. Every
+frame uses the same noise, so its result does not depend on which other frames are
+enhanced.
 """
 
 import dataclasses
+import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Any, NamedTuple, Unpack
 
 import jax
@@ -22,6 +25,7 @@ from jradar.pipeline import fusion, programs
 from jradar.radar import (
     PointSpec,
     Radar,
+    RadarSpec,
     calibrate,
     detect,
     excise_interference,
@@ -31,15 +35,16 @@ from jradar.radar import (
 from jradar.range_image import RangeImage, unlikeness
 from jradar.types import PointCloud
 
+Measured = Inexact[Any, "tx rx chirp sample"] | PointCloud
 DETECTION_RATE = 1e-3  # false alarms per cell of the detections that are counted
 
 
 class Observed(NamedTuple):
-    """What the radar measured in one frame."""
+    """What the radar measured in one frame; points that it sent have no samples."""
 
-    samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
+    samples: Inexact[Array, "tx rx chirp sample"] | None  # calibrated, cleaned
     points: PointCloud
-    detected: Int[Array, ""]  # cells of usable ranges that the detector marked
+    detected: Int[Array, ""] | None  # cells of usable ranges that the detector marked
     condition: Float[Array, "row column channel"] | None  # None without a model
     unlikeness: Float[Array, ""] | None  # share of training frames that are more usual
 
@@ -74,14 +79,14 @@ class _Programs:
 
     def conditioned(self, _key, radar, model, samples, points):
         grid: FrameGrid = model.spec.grid
-        condition = grid.condition(samples, points, radar.spec)
+        condition = grid.condition(samples, points, _spec(radar))
         if (trust := model.tables.trust) is None:
             return condition, None
         return condition, unlikeness(grid.features(condition), trust)
 
     def answered(self, key, radar, model, points, condition):
         if self.count > 1:
-            return fusion.see(points, condition, model, radar.spec)
+            return fusion.see(points, condition, model, _spec(radar))
         return draw(key, condition, model, **dict(self.drawing))
 
     def fused(self, _key, _radar, model, seen, poses):
@@ -106,12 +111,14 @@ class Stages:
     """The stages of one radar's frames, compiled before the first one.
 
     Radars and models that differ only in their numbers share the compiled programs.
+    Without a radar, frames are points that it sent. Those are compiled when a frame is
+    the first of its size, as `PointCloud.padded` gives it.
     """
 
     def __init__(
         self,
         key: Key[Array, ""],
-        radar: Radar,
+        radar: Radar | None,
         model: Model | None,
         *,
         points: PointSpec | None = None,
@@ -128,7 +135,7 @@ class Stages:
             points = PointSpec() if model is None else model.spec.points
         # Samples are cleaned once, for the points and for the map.
         found = dataclasses.replace(points, remove_interference=False)
-        self.spec = found.fitted(radar.spec)
+        self.spec = found if radar is None else found.fitted(radar.spec)
         self._key, self._radar, self._model = key, radar, model
         self._programs = _Programs(
             spec=self.spec,
@@ -137,15 +144,23 @@ class Stages:
             drawing=tuple(given(drawing).items()),
         )
         self._watch = Stopwatch() if watch is None else watch
-        self._compiled = self._watch("compiling", self._compile)
+        self._compiled: dict[Any, dict[str, Callable]] = {}
+        if radar is not None:
+            self._ready(None)
 
-    def observe(self, cube: Inexact[Any, "tx rx chirp sample"]) -> Observed:
-        """Return what the radar measured; `cube` holds the samples as recorded."""
-        samples = self._run("cleaning", jnp.asarray(cube))
-        points, detected = self._run("points", samples)
-        condition = strange = None
+    def observe(self, measured: Measured) -> Observed:
+        """Return what the radar measured: samples as recorded, or points that it sent.
+
+        Raises ValueError for more points than a radar sends.
+        """
+        samples = detected = condition = strange = None
+        if isinstance(measured, PointCloud):
+            points = jax.device_put(measured.padded())
+        else:
+            samples = self._run("cleaning", None, jnp.asarray(measured))
+            points, detected = self._run("points", None, samples)
         if self._model is not None:
-            condition, strange = self._run("condition", samples, points)
+            condition, strange = self._run("condition", points, samples, points)
         return Observed(samples, points, detected, condition, strange)
 
     def detections(
@@ -155,49 +170,58 @@ class Stages:
 
         In noise alone, 1 cell in 1,000 is above it.
         """
-        return self._run("detections", observed.samples)
+        return self._run("detections", None, observed.samples)
 
     def answer(self, observed: Observed) -> Any:
         """Return the model's image of a frame, or what `fuse` takes of it."""
-        return self._run("answer", observed.points, observed.condition)
+        points = observed.points
+        return self._run("answer", points, points, observed.condition)
 
     def fuse(
-        self, seen: tuple[fusion.Seen, ...], poses: Float[Any, "frame 4 4"]
+        self,
+        seen: tuple[fusion.Seen, ...],
+        poses: Float[Any, "frame 4 4"],
+        observed: Observed,
     ) -> RangeImage:
         """Return the image of the newest frame, as all frames together see it."""
-        return self._run("fusion", seen, poses)
+        return self._run("fusion", observed.points, seen, poses)
 
     def cloud(self, image: Any, observed: Observed) -> PointCloud:
         """Return the points of an image, and those around the radar's."""
-        return self._run("cloud", image, observed.points)
+        return self._run("cloud", observed.points, image, observed.points)
 
-    def _run(self, stage: str, *values: Any) -> Any:
-        return self._watch(
-            stage, self._compiled[stage], self._key, self._radar, self._model, *values
-        )
-
-    def _compile(self) -> dict[str, Callable]:
-        """Return the programs of the stages."""
+    def _run(self, stage: str, points: PointCloud | None, *values: Any) -> Any:
+        run = self._ready(points)[stage]
         given = self._key, self._radar, self._model
-        model = None if self._model is None else self._model.spec
-        options = self._programs, self._radar.spec, model
-        return programs.ready(given, *options, trace=self._trace)
+        return self._watch(stage, run, *given, *values)
 
-    def _trace(self) -> Iterator[tuple[str, programs.Program]]:
+    def _ready(self, points: PointCloud | None) -> dict[str, Callable]:
+        """Return the programs for points of this size; a radar's samples need one."""
+        sent = None
+        if self._radar is None:
+            sent = jax.tree.map(programs.shaped, points)
+        name = repr(sent)
+        if name not in self._compiled:
+            self._compiled[name] = self._watch("compiling", self._compile, sent)
+        return self._compiled[name]
+
+    def _compile(self, sent: PointCloud | None) -> dict[str, Callable]:
+        """Return the programs of the stages."""
+        given = self._key, self._radar, self._model, sent
+        model = None if self._model is None else self._model.spec
+        options = self._programs, _spec(self._radar), model
+        trace = functools.partial(self._trace, sent)
+        return programs.ready(given, *options, trace=trace)
+
+    def _trace(self, sent: PointCloud | None) -> Iterator[tuple[str, programs.Program]]:
         """Yield the stages' programs, one after the other.
 
         Raises UsageError for a least confidence if the model has no confidence.
         """
-        options, spec = self._programs, self._radar.spec
-        given = self._key, self._radar, self._model
-        kind = jnp.float32 if spec.real_samples else jnp.complex64
-        cube = jax.ShapeDtypeStruct(spec.cube_shape, kind)
-        program, samples = programs.traced(options.cleaned, *given, cube)
-        yield "cleaning", program
-        program, (points, _) = programs.traced(options.found, *given, samples)
-        yield "points", program
-        program, _ = programs.traced(options.detected, *given, samples)
-        yield "detections", program
+        options, given = self._programs, (self._key, self._radar, self._model)
+        samples, points = None, sent
+        if self._radar is not None:
+            samples, points = yield from self._trace_samples(self._radar.spec)
         if self._model is None:
             return
         measured = *given, samples, points
@@ -218,3 +242,22 @@ class Stages:
             )
         program, _ = programs.traced(options.cloud, *given, image, points)
         yield "cloud", program
+
+    def _trace_samples(
+        self, spec: RadarSpec
+    ) -> Generator[tuple[str, programs.Program], None, tuple[Any, Any]]:
+        """Yield the programs from samples to points; return the kinds of both."""
+        options, given = self._programs, (self._key, self._radar, self._model)
+        kind = jnp.float32 if spec.real_samples else jnp.complex64
+        cube = jax.ShapeDtypeStruct(spec.cube_shape, kind)
+        program, samples = programs.traced(options.cleaned, *given, cube)
+        yield "cleaning", program
+        program, (points, _) = programs.traced(options.found, *given, samples)
+        yield "points", program
+        program, _ = programs.traced(options.detected, *given, samples)
+        yield "detections", program
+        return samples, points
+
+
+def _spec(radar: Radar | None) -> RadarSpec | None:
+    return None if radar is None else radar.spec

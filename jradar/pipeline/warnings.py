@@ -4,16 +4,31 @@ import collections
 from collections.abc import Iterator, Sequence
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
+from jradar.lidar import shared_field_of_view
 from jradar.model import Model
 from jradar.options.suiting import KINDS, unsuited
 from jradar.radar import Radar, RadarSpec
 from jradar.range_image import STRANGE, UNSURE
+from jradar.recordings import Recording
+from jradar.types import PointCloud
 
 NAMED = 5  # frames that a warning names
 UNCALIBRATED = (
     "The channels of this radar are not calibrated: record a walk over level ground "
     "for `jradar calibrate --level`"
 )
+OF_POINTS = (
+    "the model was trained on the dense points of a radar's samples, not on those that "
+    "a radar sends: `jradar score` compares it with these, where there is a LiDAR"
+)
+FLAT_POINTS = (
+    "the points of this radar all lie in one plane: heights in the result would be "
+    "invented by the model. Use `jradar map`, or add --anyway"
+)
+VIEW = ("azimuth", "elevation", "max_range_m")
+MOST_SEEN = 0.8  # share of points in view, below which that is said
 
 
 @runtime_checkable
@@ -41,16 +56,25 @@ class Seen(Protocol):
         ...
 
 
-def of_model(model: Model, radar: RadarSpec) -> Iterator[str]:
-    """Yield why a model of frames may not suit a radar, and what its clouds lack."""
+def of_model(model: Model, radar: RadarSpec | None) -> Iterator[str]:
+    """Yield why a model of frames may not suit a radar, and what its clouds lack.
+
+    A radar of None sends points.
+    """
     grid = model.spec.frame_grid
     if grid.caution:
         yield grid.caution
-    yield from unsuited(grid.kind, model.card.radars, radar)
+    if radar is None:
+        yield OF_POINTS
+    else:
+        yield from unsuited(grid.kind, model.card.radars, radar)
 
 
-def needs_more(model: Model, radar: RadarSpec) -> str:
-    """Return what the model needs and this radar does not measure, and what to use."""
+def needs_more(model: Model, recording: Recording) -> str:
+    """Return what the model needs and the radar does not measure, and what to use."""
+    if recording.of_points:
+        return "" if recording.has_elevation else FLAT_POINTS
+    radar = recording.radar.spec
     blind, _ = KINDS[model.spec.frame_grid.kind]
     if not (without := blind(radar)):
         return ""
@@ -84,8 +108,8 @@ class Tally:
             if len(self._first[fault]) < NAMED:
                 self._first[fault].append(frame.number)
 
-    def warnings(self, radar: Radar) -> Iterator[str]:
-        """Yield one sentence for each fault."""
+    def warnings(self, radar: Radar | None) -> Iterator[str]:
+        """Yield one sentence for each fault; a radar that sends points may be None."""
         if count := self._counts["empty"]:
             yield no_echoes(self._first["empty"], count)
         if count := self._counts["strange"]:
@@ -99,14 +123,42 @@ class Tally:
                 f"do not trust {self._which('unsure')}: the model expects more "
                 f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
                 "--min-confidence 0.5 keeps few of them, most of which are right"
-                + ("" if radar.calibrated else f". {UNCALIBRATED}")
+                + ("" if radar is None or radar.calibrated else f". {UNCALIBRATED}")
             )
 
     def _which(self, fault: str) -> str:
         """Name a frame, or count several."""
         count, first = self._counts[fault], self._first[fault]
         some = f"frame {first[0]}" if count == 1 else f"{count} frames"
-        return f"{some} of {self._frames}"
+        return some if self._frames == 1 else f"{some} of {self._frames}"
+
+
+class InView:
+    """The points that a radar sent, counted by whether the model sees them."""
+
+    def __init__(self, model: Model):
+        """`model` is one of frames."""
+        self._view = model.spec.frame_grid.view
+        self._points = self._seen = 0
+
+    def add(self, cloud: PointCloud) -> None:
+        """Count the points of a frame."""
+        xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+        view = {name: getattr(self._view, name) for name in VIEW}
+        self._points += len(xyz)
+        self._seen += int(shared_field_of_view(xyz, **view).sum())
+
+    def warnings(self) -> Iterator[str]:
+        """Yield a warning if a good part of the points is out of view."""
+        if self._seen < MOST_SEEN * self._points:
+            right, left = np.degrees(self._view.azimuth)
+            low, high = np.degrees(self._view.elevation)
+            yield (
+                f"{1 - self._seen / self._points:.0%} of the points are out of the "
+                f"model's view and are not enhanced: it ends at "
+                f"{self._view.max_range_m:g} m, azimuths of {right:.0f} to {left:.0f} "
+                f"degrees and elevations of {low:.0f} to {high:.0f}"
+            )
 
 
 def no_echoes(first: Sequence[int], count: int) -> str:

@@ -26,7 +26,8 @@ from jradar.errors import UsageError
 from jradar.lidar import Poses, returns, transform
 
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
-TAKE_POINTS = "`jradar info` and `jradar odometry`"
+LOOKED_AT = 40  # frames of points that show whether there are elevations
+TAKE_POINTS = "`jradar info`, `enhance`, `map`, `odometry`, `score` and `live`"
 
 
 class Stream(Sequence):
@@ -108,11 +109,28 @@ class Recording(NamedTuple):
         return self.cubes if self.points is None or len(self.cubes) else self.points
 
     @property
+    def of_points(self) -> bool:
+        """Whether the frames are points that the radar found, without samples."""
+        return self.points is not None and not len(self.cubes)
+
+    @property
     def has_elevation(self) -> bool:
         """Whether the array measures elevations, or points lie above or below it."""
-        if self.radar is not None and len(self.cubes):
+        if self.radar is not None:
             return self.radar.spec.has_elevation
-        return any(np.any(cloud.xyz[:, 2]) for cloud in self.points or ())
+        count = len(self.frames)
+        chosen = np.linspace(0, count - 1, min(count, LOOKED_AT)).round().astype(int)
+        return not count or any(np.any(self.frames[int(k)].xyz[:, 2]) for k in chosen)
+
+    @property
+    def frame_middle_s(self) -> float:
+        """The time from a frame's stamp to its middle; 0 for points."""
+        return 0.0 if self.of_points else self.radar.spec.frame_middle_s
+
+    @property
+    def frame_period_s(self) -> float:
+        """The described time from frame to frame, 0 if it is not known."""
+        return 0.0 if self.radar is None else self.radar.spec.frame_period_s
 
     def __repr__(self) -> str:
         """One line: name, frames, radar, and what else was recorded."""
@@ -127,7 +145,7 @@ class Recording(NamedTuple):
 
 def need_samples(recording: Recording) -> None:
     """Raise UsageError for a recording of the points that a radar found."""
-    if recording.points is not None and not len(recording.cubes):
+    if recording.of_points:
         raise UsageError(
             f"{recording.path} holds a radar's points, expected its raw samples: "
             f"{TAKE_POINTS} take points"

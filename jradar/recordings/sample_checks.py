@@ -104,7 +104,9 @@ def sample_doubts(recording: Recording, frame: int) -> tuple[str, ...]:
 
 
 def with_sample_doubts(recording: Recording, frame: int) -> Recording:
-    """Add warnings about the samples of a frame to a recording's notes."""
+    """Add warnings about the samples of a frame, if any, to a recording's notes."""
+    if recording.of_points:
+        return recording
     doubts = sample_doubts(recording, frame)
     return recording._replace(notes=(*recording.notes, *doubts))
 

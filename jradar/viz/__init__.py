@@ -5,6 +5,7 @@ save_figure(figure, "cloud.png")
 """
 
 from jradar.viz.figures import (
+    CaptureMaps as CaptureMaps,
     capture_figure as capture_figure,
     range_azimuth as range_azimuth,
     range_doppler as range_doppler,

@@ -6,6 +6,7 @@ range in metres; misses are white.
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,6 +27,7 @@ from jradar.types import PointCloud
 STYLES = {  # colour and size of a point
     "LiDAR": ("tab:gray", 1.2),
     "detections": ("tab:red", 2.7),
+    "radar points": ("tab:red", 2.7),
     "jradar": ("tab:blue", 1.2),
 }
 LEGEND_SIZE = 3  # of a marker, relative to its size in the picture
@@ -65,13 +67,19 @@ def _single() -> tuple[Figure, Axes]:
     return figure, figure.subplots()
 
 
+class CaptureMaps(NamedTuple):
+    """The maps of a frame of samples, in linear power."""
+
+    power: Float[ArrayLike, "doppler range"]
+    azimuths: Float[ArrayLike, "range azimuth"]  # the `azimuth_map`
+    radar: RadarSpec
+
+
 def capture_figure(
-    power: Float[ArrayLike, "doppler range"],
-    azimuths: Float[ArrayLike, "range azimuth"],
-    radar: RadarSpec,
     cloud: PointCloud,
     image: ImageSpec,
     *,
+    maps: CaptureMaps | None = None,
     dense: PointCloud | None = None,
     metres: Float[np.ndarray, "row column"] | None = None,
     polar: Float[np.ndarray, "polar_range polar_azimuth"] | None = None,
@@ -80,20 +88,26 @@ def capture_figure(
 ) -> Figure:
     """Draw one capture: maps of power, clouds from above, range image.
 
-    `power` and `azimuths`, the `azimuth_map`, are linear. `cloud` holds the detections,
+    `cloud` holds the detections, or without `maps` the points that the radar sent;
     `dense` is the enhanced cloud, drawn above them, and `metres` its range image; if
     None, it is projected. A `polar` image, from -90 to 90 degrees and to the range of
     `image`, is drawn in its place. `lidar` holds LiDAR points in the radar's frame, of
     which those ahead are drawn. Points beyond the image's range are not drawn.
     """
-    figure = Figure(figsize=(17, 5))  # `constrained` layout takes twice as long
-    figure.subplots_adjust(left=0.035, right=0.99, bottom=0.26, top=0.86, wspace=0.22)
-    spectrum, angles, above, front = figure.subplots(1, 4)
+    parts = 2 if maps is None else 4
+    # The `constrained` layout takes twice as long.
+    figure = Figure(figsize=(4.25 * parts, 5))
+    edges = {"left": 0.14 / parts, "right": 1 - 0.04 / parts, "wspace": 0.22}
+    figure.subplots_adjust(**edges, bottom=0.26, top=0.86)
+    *before, above, front = figure.subplots(1, parts)
     figure.suptitle(title)
-    _draw_spectrum(spectrum, np.asarray(power), radar)
-    _draw_azimuths(angles, np.asarray(azimuths), radar)
+    found = "radar points"
+    if maps is not None:
+        found, (spectrum, angles) = "detections", before
+        _draw_spectrum(spectrum, np.asarray(maps.power), maps.radar)
+        _draw_azimuths(angles, np.asarray(maps.azimuths), maps.radar)
     clouds = {} if lidar is None else {"LiDAR": lidar[lidar[:, 0] > 0]}
-    for name, drawn in (("detections", cloud), ("jradar", dense)):
+    for name, drawn in ((found, cloud), ("jradar", dense)):
         if drawn is not None:
             clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
     for name, xyz in clouds.items():
@@ -106,7 +120,7 @@ def capture_figure(
         metres = np.asarray(project(dense or cloud, image))
     picture = _draw_image(front, metres, image)
     _add_bar(front, picture, "range (m)")
-    shown = "the detections" if dense is None else "jradar's cloud"
+    shown = f"the {found}" if dense is None else "jradar's cloud"
     front.set_title(f"range image of {shown}")
     return figure
 

@@ -74,7 +74,7 @@ def test_an_image_unlike_training_is_warned_of(enhanced):
         found = enhance_recording(recording(), model, frames=range(1))
         (frame,) = found
         assert (frame.unlikeness == 1) == strange
-        unlike = "frame 0 of 1 is unlike 99 % of the training frames"
+        unlike = "frame 0 is unlike 99 % of the training frames"
         assert any(unlike in w for w in found.warnings) == strange
 
 
@@ -82,7 +82,7 @@ def test_the_cloud_the_images_and_a_picture_are_written(enhanced, tmp_path):
     frames, found = enhanced
     guarded = GuardedFolder(tmp_path / "out", "enhance")
     clouds = "radar", "enhanced"
-    folder = FrameFolder(guarded, clouds, range(1), pictured=ROW)
+    folder = FrameFolder(guarded, clouds, range(1), pictured=True, radar=ROW)
     folder.write_enhanced(frames[0], found.recording, MODEL)
     with np.load(tmp_path / "out/enhanced.npz") as arrays:
         assert arrays["polar_image"].shape == (256, 64)

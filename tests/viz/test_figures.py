@@ -22,8 +22,9 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
     power[3, 20] = 1e4
     azimuths = np.random.default_rng(1).exponential(size=(32, 64))
     azimuths[0, 0], azimuths[20, 48] = 1e9, 1e4  # leakage; an echo at a sine of 0.5
+    maps = viz.CaptureMaps(power, azimuths, RADAR)
     figure = viz.capture_figure(
-        power, azimuths, RADAR, cloud, IMAGE, dense=dense, lidar=lidar, title="a room"
+        cloud, IMAGE, maps=maps, dense=dense, lidar=lidar, title="a room"
     )
     spectrum, angles, above, front = figure.axes
     assert figure.get_suptitle() == "a room"
@@ -47,11 +48,19 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
 
 def test_a_capture_without_points_is_drawn():
     empty = PointCloud(jnp.zeros((4, 3)), jnp.zeros(4, bool))
-    power = np.ones((16, 32))
-    figure = viz.capture_figure(power, power, RADAR, empty, IMAGE, dense=empty)
+    maps = viz.CaptureMaps(np.ones((16, 32)), np.ones((16, 32)), RADAR)
+    figure = viz.capture_figure(empty, IMAGE, maps=maps, dense=empty)
     *_, above, front = figure.axes
     assert [len(line.get_xydata()) for line in above.lines[:2]] == [0, 0]
     assert np.isnan(front.images[0].get_array().filled(np.nan)).all()
+
+
+def test_points_that_a_radar_sent_are_drawn_without_maps():
+    cloud = PointCloud.from_xyz(np.array([[3.0, 1, 0.2], [5, -1, 0]]))
+    figure = viz.capture_figure(cloud, IMAGE)
+    above, front = figure.axes
+    assert above.lines[0].get_label() == "radar points: 2"
+    assert front.get_title() == "range image of the radar points"
 
 
 def test_maps_of_a_cube_have_an_echo_in_its_place():

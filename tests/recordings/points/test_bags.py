@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.motion import cloud_velocities, odometry
+from jradar.motion import frame_velocities, odometry
 from jradar.recordings import (
     holds_points,
     is_recording,
@@ -80,7 +80,7 @@ def test_points_come_back_with_their_fields(tmp_path, fields, container):
 
 def test_a_drive_past_points_at_rest_comes_back(tmp_path, fields):
     found = open_recording(bag(tmp_path / "a"))
-    velocities = cloud_velocities(found)
+    velocities = frame_velocities(found)
     np.testing.assert_allclose(velocities.velocity - VELOCITY, 0, atol=1e-3)
     assert (velocities.points == 40).all() and (velocities.moving == 1).all()
     walk = odometry(found, velocities, rotation="none")
@@ -91,7 +91,7 @@ def test_a_drive_past_points_at_rest_comes_back(tmp_path, fields):
 def test_points_without_heights_are_followed_in_their_plane(tmp_path, fields):
     found = open_recording(bag(tmp_path / "a", flat=True))
     assert not found.has_elevation
-    velocity = cloud_velocities(found, frames=range(5)).velocity
+    velocity = frame_velocities(found, frames=range(5)).velocity
     np.testing.assert_allclose(velocity, [(*VELOCITY[:2], 0)] * 5, atol=1e-3)
 
 
