@@ -30,6 +30,7 @@ from jradar.data.prepare import (
 from jradar.data.records import (
     PreparedFrame as PreparedFrame,
     Records as Records,
+    cells_of as cells_of,
     is_records as is_records,
 )
 from jradar.data.sources import find_sources as find_sources, scene as scene

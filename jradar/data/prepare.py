@@ -9,7 +9,7 @@ the cluster at `scheduler`, whose machines must see the same files.
 All sequences of a folder hold samples of the same antennas, or all hold points that a
 radar sent. Chirps may differ: each sequence is processed with its own radar. The
 manifest's `radar` is that of most sequences, and `other_radars` lists the others with
-the names of their sequences. It is null for points of a radar that was not described.
+the names of their sequences. Of points, `radar` is null.
 """
 
 import contextlib
@@ -33,13 +33,7 @@ from jradar.data.frames import (
     prepare_frame,
     radar_side,
 )
-from jradar.data.records import (
-    FORMAT,
-    POINTS,
-    SAMPLES,
-    finished_shard,
-    write_shard,
-)
+from jradar.data.records import FORMAT, finished_shard, write_shard
 from jradar.data.sources import Source, find_sources
 from jradar.data.spec import PrepareSpec
 from jradar.data.workers import run_jobs
@@ -50,7 +44,7 @@ from jradar.radar import Radar, RadarSpec
 from jradar.recordings.recording import Recording
 
 COMPARED = ("radar", "options", "frames", "names")  # fields of the manifest
-OTHERS = "other_radars"  # compared, too, where there are any
+OPTIONAL = ("other_radars",)  # compared, too, where there are any
 ARRAY = (  # fields of radars whose frames may share a folder
     *("tx_positions", "rx_positions", "row_spacing", "design_frequency_hz"),
     "real_samples",
@@ -226,49 +220,39 @@ def _head(sources, spec, frames):
     together, and ValueError for samples of radars with different antennas, and for
     options that do not suit one of them.
     """
-    of_content: dict[str, list[str]] = {}
-    of_radar: dict[RadarSpec | None, list[str]] = {}
+    of_radar: dict[RadarSpec, list[str]] = {}
+    of_points: list[str] = []
     for source in sources:
         recording = source.open()
-        of_content.setdefault(_content(recording), []).append(source.name)
-        radar = None if recording.radar is None else recording.radar.spec
-        of_radar.setdefault(radar, []).append(source.name)
-    if len(of_content) > 1:
-        raise UsageError(
-            f"{of_content[SAMPLES][0]} holds a radar's samples and "
-            f"{of_content[POINTS][0]} the points that a radar sent, expected one kind: "
-            "prepare them into different folders"
-        )
-    (content,) = of_content
+        alike = of_points
+        if not recording.of_points:
+            alike = of_radar.setdefault(recording.radar.spec, [])
+        alike.append(source.name)
     radars = sorted(of_radar, key=lambda radar: -len(of_radar[radar]))  # stable
-    if content == SAMPLES:
-        _check_arrays(of_radar, radars, spec)
+    if of_points and radars:
+        raise UsageError(
+            f"{of_radar[radars[0]][0]} holds a radar's samples and {of_points[0]} the "
+            "points that a radar sent, expected one kind: prepare them into different "
+            "folders"
+        )
+    _check_radars(radars, of_radar, spec)
     head = {
         "format": FORMAT,
         "jradar": __version__,
         "complete": False,
-        "content": content,
-        "radar": _described(radars[0]),
+        "radar": dataclasses.asdict(radars[0]) if radars else None,
         "options": dataclasses.asdict(spec),
         "frames": [frames.start, frames.stop],
         "names": [source.name for source in sources],
     }
     others = [
-        {"radar": _described(radar), "sequences": of_radar[radar]}
+        {"radar": dataclasses.asdict(radar), "sequences": of_radar[radar]}
         for radar in radars[1:]
     ]
-    return head | ({OTHERS: others} if others else {})
+    return head | ({"other_radars": others} if others else {})
 
 
-def _content(recording: Recording) -> str:
-    return SAMPLES if len(recording.cubes) or recording.points is None else POINTS
-
-
-def _described(radar: RadarSpec | None) -> dict[str, Any] | None:
-    return None if radar is None else dataclasses.asdict(radar)
-
-
-def _check_arrays(of_radar, radars, spec):
+def _check_radars(radars, of_radar, spec):
     """Raise ValueError for radars whose antennas differ, and for unsuited options."""
     if len({tuple(getattr(r, name) for name in ARRAY) for r in radars}) > 1:
         names = [f"{r.name} {r.cube_shape} of {of_radar[r][0]}" for r in radars]
@@ -304,9 +288,7 @@ def _check_options(folder, head):
     A preparation that has not finished a shard may be replaced by another.
     """
     found, wanted = _check_contents(folder), json.loads(json.dumps(head))
-    # Records of an older version do not name their content.
-    found = found and {"content": SAMPLES, **found}
-    keys = ("content", *COMPARED, OTHERS)
+    keys = (*COMPARED, *OPTIONAL)
     changed = [key for key in keys if found and found.get(key) != wanted.get(key)]
     if changed and any(folder.glob("*/*.array_record")):
         key = changed[0]
@@ -318,9 +300,12 @@ def _check_options(folder, head):
 
 def _difference(key, old, new):
     """Return in words how two values of this field of the manifest differ."""
-    if key == OTHERS:
+    if key in OPTIONAL:
         count = (len(listed or []) for listed in (old, new))
         return "{} were listed, now {} with other fields".format(*count)
+    if key == "radar" and None in (old, new):
+        kinds = ("points" if radar is None else "samples" for radar in (old, new))
+        return "it holds records of {}, now of {}".format(*kinds)
     if key == "names":
         gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
         return f"{len(gone)} removed {gone[:3]}, {len(added)} added {added[:3]}"
@@ -374,7 +359,7 @@ def _summary(source, matches, shards, spec, frames):
     reasons = [*dropped.values()]
     keys = ("file", "frames", "bytes", "sha256")
     windows = {}
-    if _content(recording) == SAMPLES:
+    if not recording.of_points:
         points = spec.points.subtracting(recording.radar.leakage)
         windows["windows"] = [points.doppler_window, points.range_window]
     return {

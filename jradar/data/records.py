@@ -33,7 +33,6 @@ from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
 
 FORMAT = 1
-SAMPLES, POINTS = "samples", "points"  # what the radar of a folder measured
 WINDOWS = PointSpec.doppler_window, PointSpec.range_window
 OPTIONS = "group_size:1,zstd:1"  # one record per group: larger groups shuffle slowly
 
@@ -256,11 +255,11 @@ class Records(Stream):
         """Return the manifest's sequences; ValueError for a damaged manifest."""
         path = self.folder / "manifest.json"
         with parsing(path, "a manifest of records"):
-            # Records of an older version do not name their content.
-            self.of_points = self.manifest.get("content", SAMPLES) == POINTS
-            self.radar = self._described(self.manifest["radar"])
+            self.radar = cast(RadarSpec, None)  # of points
+            if not self.of_points:
+                self.radar = RadarSpec.from_dict(self.manifest["radar"])
             self._other_radars = {
-                name: self._described(entry["radar"])
+                name: RadarSpec.from_dict(entry["radar"])
                 for entry in self.manifest.get("other_radars", [])
                 for name in entry["sequences"]
             }
@@ -276,12 +275,6 @@ class Records(Stream):
                     inside(self.folder, shard["file"], source=path)
         return self.manifest["sequences"]
 
-    def _described(self, radar: Any) -> RadarSpec:
-        """Return a radar of the manifest; None of points without a description."""
-        if self.of_points and radar is None:
-            return cast(Any, None)
-        return RadarSpec.from_dict(radar)
-
     def _frame(self, index):
         try:
             frame = from_bytes(self._source[index])
@@ -291,18 +284,20 @@ class Records(Stream):
             raise ValueError(f"{self.folder}, {where}: {error}") from error
         return frame._replace(sequence=self.where[index][0])  # NAME-end, of a part
 
-    def radar_of(self, sequence: str) -> RadarSpec:
-        """Return the radar of a sequence; the antennas of samples are those of `radar`.
+    @property
+    def of_points(self) -> bool:
+        """Whether the frames are points that a radar sent, so that `radar` is None."""
+        return self.manifest["radar"] is None
 
-        It is None for points of a radar that was not described.
-        """
+    def radar_of(self, sequence: str) -> RadarSpec:
+        """Return the radar of a sequence; its antennas are those of `radar`."""
         return self._other_radars.get(sequence, self.radar)
 
     @property
     def other_radars(self) -> tuple[RadarSpec, ...]:
         """The other radars of these records, each once."""
         found = {self.radar_of(sequence): None for sequence, _ in self.where}
-        return tuple(radar for radar in found if radar not in (None, self.radar))
+        return tuple(radar for radar in found if radar != self.radar)
 
     def windows_of(self, sequence: str) -> tuple[str, str]:
         """Return the windows of (doppler, range) of the cells of a sequence.

@@ -153,7 +153,8 @@ def score_and_keep(
         place = frame.prepared.sequence, frame.prepared.frame
         if place in shown and row["truth"] == TRUTH:
             named = clouds.setdefault((row["scene"], *place), {})
-            named.setdefault("radar", points_of(frame.prepared.radar))
+            if not view.records.of_points:  # which are those of a method
+                named.setdefault("radar", points_of(frame.prepared.radar))
             named[row["method"]] = surest_points(cloud)
             named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # LiDAR comes last
 
