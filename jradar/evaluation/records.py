@@ -204,7 +204,7 @@ def score_records(
             unproject(frame.pair.lidar, view.fine)
         ),
     }
-    records, done = view.records, 0
+    records, done, compiled = view.records, 0, set()
     scored = _scored(records, every)
     with progress("scoring", sum(map(len, scored.values())), unit="frames") as show:
         for number, (sequence, index) in enumerate(scored.items()):
@@ -215,7 +215,8 @@ def score_records(
                 truths=truths,
                 scene=scene_of(sequence),
                 sequence=sequence,
-                warm_up=not done,
+                size=lambda frame: len(frame.prepared.radar.valid),
+                compiled=compiled,
                 watch=watch,
             )
             for row in rows:
