@@ -11,6 +11,7 @@
 from jradar.data.augment import AugmentSpec as AugmentSpec
 from jradar.data.frames import (
     lidar_in_view as lidar_in_view,
+    notes_of as notes_of,
     preview as preview,
 )
 from jradar.data.loading import (

@@ -12,13 +12,17 @@ from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSpec, interpolate_poses, preprocess
 from jradar.lidar.preprocess import LidarSteps, aligned
 from jradar.radar import Cells, Radar, all_cells, cell_points, detect
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Recording, Stream, radar_from_lidar
 from jradar.types import PointCloud
 
 MAX_DROPPED = 0.5  # largest fraction of radar frames that may be dropped
 NO_ECHO, NO_RETURN = "all radar samples are zero", "no LiDAR point is in view"
 NO_POINT = "the radar sent no points"
 NOTHING_SEEN = NO_ECHO, NO_POINT, NO_RETURN
+NO_PLACE = (
+    "it is not known where the LiDAR is on the rig, so it is taken to be where the "
+    "radar is: give the places of both in a capture.toml or in the bag's /tf_static"
+)
 
 
 class EmptyFrame(ValueError):
@@ -45,6 +49,12 @@ def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
     if recording.poses is not None:
         span = tuple(recording.poses.stamps[[0, -1]].tolist())
     return match_nearest(stamps, lidar_stamps, tolerance_s=spec.tolerance_s, span=span)
+
+
+def notes_of(recording: Recording) -> list[str]:
+    """Return the recording's notes, and one if the place of its LiDAR is unknown."""
+    unknown = recording.lidar is not None and radar_from_lidar(recording) is None
+    return [*recording.notes, *([NO_PLACE] if unknown else [])]
 
 
 def match_nearest(

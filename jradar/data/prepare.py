@@ -30,6 +30,7 @@ from jradar.data.frames import (
     Matches,
     check_dropped,
     matches_of,
+    notes_of,
     prepare_frame,
     radar_side,
 )
@@ -367,7 +368,7 @@ def _summary(source, matches, shards, spec, frames):
         "split": source.split,
         "frames": sum(len(shard["frames"]) for shard in shards),
         "dropped": {why: reasons.count(why) for why in dict.fromkeys(reasons)},
-        "notes": list(recording.notes),
+        "notes": notes_of(recording),
         **windows,
         "shards": [{key: shard[key] for key in keys} for shard in shards],
     }
