@@ -18,6 +18,7 @@ from jradar.motion.velocities import Velocities, outliers
 from jradar.options.recordings import ROTATIONS
 from jradar.recordings import Recording
 
+STEEP = 0.1  # height over distance; walks are rarely steeper
 COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
 
 
@@ -95,14 +96,20 @@ def _notes(recording: Recording, velocities: Velocities) -> Iterator[str]:
 
 def _climb(recording: Recording, found: Trajectory) -> Iterator[str]:
     """Yield a note on the height gained by an array that may seem tilted."""
-    if not len(recording.cubes) or recording.radar.calibrated:
-        return
     first, last = found.world_from_base[[0, -1], 2, 3]
-    if recording.has_elevation:
-        verb = "climbs" if last > first else "sinks"
+    verb, height_m = "climbs" if last > first else "sinks", abs(last - first)
+    if recording.of_points:
+        unknown = recording.imu is not None and recording.base_from_radar is None
+        if unknown and height_m > STEEP * found.distance_m:
+            yield (
+                f"the path {verb} by {height_m:.1f} m on {found.distance_m:.1f} m: is "
+                "the radar rotated against the IMU? Name rpy_degrees of both in a "
+                "capture.toml"
+            )
+    elif recording.has_elevation and not recording.radar.calibrated:
         yield (
-            f"the path {verb} by {abs(last - first):.1f} m, and the radar is not "
-            "calibrated: its array may only seem tilted, see jradar calibrate --level"
+            f"the path {verb} by {height_m:.1f} m, and the radar is not calibrated: "
+            "its array may only seem tilted, see jradar calibrate --level"
         )
 
 

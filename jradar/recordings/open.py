@@ -22,6 +22,7 @@ READERS = (  # points are known by their contents, samples by their names
     *(capture.READER, sequence.READER, *formats.READERS, oculii.READER),
     *(dca1000.READER, packet_trace.READER, cubes.READER, raw.READER),
 )
+COMPRESSED = (".gz", ".zip", ".zst", ".xz", ".bz2")
 
 
 def is_recording(path: Path | str) -> bool:
@@ -64,6 +65,8 @@ def open_recording(
     if not path.is_dir():
         open_file(path).close()  # refuses pipes and devices
     if not is_recording(path):
+        if path.suffix in COMPRESSED:
+            raise UsageError(f"{path} is compressed, expected a recording: unpack it")
         if bags.holds_clouds(path):  # of no radar, unless the topic is named
             return bags.open_points_bag(path, topic=topic)
         if path.is_dir():

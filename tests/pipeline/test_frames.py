@@ -181,7 +181,7 @@ def test_points_are_the_librarys_and_what_they_lack_is_warned_of():
 
 def test_stages_of_the_same_radar_and_model_compile_once():
     def compiled(radar, **drawing):
-        return Stages(jax.random.key(0), radar, MODEL, **drawing)._compiled
+        return Stages(jax.random.key(0), radar, MODEL, **drawing)._ready(None)
 
     first = compiled(UNIT, **DRAWING)
     again = compiled(Radar(RADAR, range_bias_m=0.2).with_factors(FACTORS), **DRAWING)

@@ -214,7 +214,7 @@ def test_commands_that_need_samples_name_those_that_take_points(
         options = [] if command == ["replay"] else ["-o", out]
         assert main([*command, path, *options]) == 2
         lines = capsys.readouterr().err.strip().splitlines()
-        assert len(lines) == 1 and "`jradar odometry` take points" in lines[0]
+        assert len(lines) == 1 and "`score` and `live` take points" in lines[0]
 
 
 def test_real_bag_of_a_carried_radar(samples):

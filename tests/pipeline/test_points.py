@@ -1,0 +1,134 @@
+"""Frames of points that a radar sent, which go through the pipeline as they are."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from jradar.errors import UsageError
+from jradar.lidar import Poses
+from jradar.mapping import map_recording
+from jradar.model import enhance_points
+from jradar.pipeline import Pipeline, detect_recording, enhance_recording
+from jradar.radar import Radar
+from jradar.recordings import Recording, Stream
+from jradar.types import PointCloud
+from tests.models import RADAR, one_pass_model, tiny_map_model
+from tests.pipeline.test_polar import MODEL as POLAR
+
+MODEL = one_pass_model()
+SIZES = 40, 0, 1500, 7
+
+
+def points(count, seed=0, *, height_m=1.0, velocity=True):
+    """Points of a wall of 4 x 2 m, from 4 to 5 m ahead."""
+    rng = np.random.default_rng(seed)
+    low, high = [4, -2, -height_m], [5, 2, height_m]
+    xyz = rng.uniform(low, high, (count, 3)).astype(np.float32)
+    towards = -xyz[:, 0] / np.linalg.norm(xyz, axis=1) if velocity else None
+    power = rng.uniform(1, 100, count).astype(np.float32)
+    return PointCloud(xyz, np.ones(count, bool), towards, power)
+
+
+def recording(*clouds, radar=None, poses=False):
+    """Frames of these points at 10 Hz; the radar moves 0.1 m ahead from each."""
+    stamps = 0.1 * np.arange(len(clouds))
+    times = np.arange(-0.5, 0.1 * len(clouds) + 0.5, 0.1)
+    xyz = np.stack([times, 0 * times, 0 * times], 1)
+    turns = np.tile([0.0, 0, 0, 1], (len(times), 1))
+    place = {}
+    if poses:
+        place = {"poses": Poses(times, xyz, turns), "base_from_radar": np.eye(4)}
+    stream = Stream(clouds.__getitem__, len(clouds), stamps)
+    return Recording("walk", Path("walk"), radar, points=stream, **place)
+
+
+def test_a_frame_is_what_enhance_points_gives_whatever_its_size():
+    walk = recording(*(points(size, size) for size in SIZES))
+    found = enhance_recording(walk, MODEL)
+    key = jax.random.key(0)
+    for frame, size in zip(found, SIZES, strict=True):
+        expected = enhance_points(key, points(size, size).padded(), MODEL)
+        np.testing.assert_array_equal(frame.cloud.valid, expected.valid)
+        np.testing.assert_allclose(frame.cloud.xyz, expected.xyz, atol=1e-4)
+        assert frame.samples is None and frame.detected is None
+        assert frame.describe()["radar points"] == size
+        assert frame.empty == (size == 0)
+        assert frame.stamp_s == pytest.approx(0.1 * frame.number)
+    assert any("no echoes in frame 1" in text for text in found.warnings)
+    assert any("not on those that a radar sends" in text for text in found.warnings)
+
+
+def test_padding_adds_points_that_are_not_valid():
+    cloud = points(1025)
+    padded = cloud.padded()
+    assert padded.valid.shape == (4096,) and padded.xyz.shape == (4096, 3)
+    assert padded.valid.sum() == 1025 and not padded.valid[1025:].any()
+    np.testing.assert_array_equal(padded.velocity[:1025], cloud.velocity)
+    with pytest.raises(ValueError, match="70,000 points, expected at most 65,536"):
+        points(70_000).padded()
+
+
+def test_the_share_of_points_out_of_view_is_said():
+    near, far = points(30), points(30)
+    far = far._replace(xyz=far.xyz * 20)
+    found = enhance_recording(recording(near, far), MODEL)
+    _ = [*found]
+    (text,) = [text for text in found.warnings if "out of the model's view" in text]
+    assert text.startswith("50% of the points are out") and "ends at" in text
+    found = enhance_recording(recording(near), MODEL)
+    _ = [*found]
+    assert not any("out of the model's view" in text for text in found.warnings)
+
+
+def test_points_in_one_plane_are_refused_unless_anyway():
+    flat = recording(points(30, height_m=0.0))
+    with pytest.raises(UsageError, match="all lie in one plane"):
+        enhance_recording(flat, MODEL)
+    (frame,) = enhance_recording(flat, MODEL, anyway=True)
+    assert frame.describe()["radar points"] == 30
+
+
+def test_what_needs_samples_is_refused():
+    walk = recording(points(30), points(30), radar=Radar(RADAR))
+    for needs in (
+        lambda: detect_recording(walk),
+        lambda: enhance_recording(walk, MODEL, remove_interference=True),
+        lambda: walk.cube(0),
+    ):
+        with pytest.raises(
+            UsageError, match="holds a radar's points, expected its raw"
+        ):
+            needs()
+    pipeline = Pipeline(walk, POLAR, anyway=True)
+    with pytest.raises(UsageError, match="polar images sees a radar's samples"):
+        pipeline.frame(0, walk.frames[0])
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_frames_of_points_are_fused_by_their_poses(velocity):
+    first, second = (points(60, seed, velocity=velocity) for seed in (1, 2))
+    walk = recording(first, second, poses=True)
+    found = enhance_recording(walk, MODEL, fuse=2)
+    frames = [*found]
+    assert found.motion == {"poses": 1}
+    (alone,) = enhance_recording(walk, MODEL, frames=range(1, 2))
+    both = [np.asarray(frame.image.range_m) for frame in (frames[1], alone)]
+    assert not np.array_equal(*both)  # the frame before it counts
+
+
+def test_a_map_of_points_leaves_out_what_moves():
+    walk = [points(80, seed) for seed in range(12)]
+    still = map_recording(recording(*walk, poses=True), tiny_map_model())
+    with_mover = []
+    for cloud in walk:
+        mover = np.tile(np.float32([[2.0, 0, 0.5]]), (5, 1))
+        xyz = np.concatenate([cloud.xyz, mover])
+        velocity = np.append(cloud.velocity, np.full(5, 3.0)).astype(np.float32)
+        power = np.append(cloud.power, np.ones(5)).astype(np.float32)
+        with_mover.append(PointCloud(xyz, np.ones(85, bool), velocity, power))
+    found = map_recording(recording(*with_mover, poses=True), tiny_map_model())
+    voxels = [set(map(tuple, each.radar.voxels.tolist())) for each in (still, found)]
+    assert len(voxels[0]) > 50 and voxels[0] == voxels[1]
+    np.testing.assert_allclose(np.ptp(found.path, axis=0), (1.1, 0, 0), atol=1e-6)
