@@ -7,7 +7,7 @@ import numpy as np
 from tests.recordings.small_sequence import PILLAR, SIDE, room_scan
 
 START_US = 1_700_000_000_000_000
-AWAY = [[40.0, 3.0, 0.5]] * 5  # beyond the LiDAR and every view
+AWAY = [[40.0, 3.0, 0.5]] * 25  # beyond the LiDAR and every view
 SIZES = {"wall": 60, "pillar": 12}
 
 
