@@ -27,7 +27,7 @@ def points(count, seed=0, *, height_m=1.0, velocity=True):
     low, high = [4, -2, -height_m], [5, 2, height_m]
     xyz = rng.uniform(low, high, (count, 3)).astype(np.float32)
     towards = -xyz[:, 0] / np.linalg.norm(xyz, axis=1) if velocity else None
-    power = rng.uniform(1, 100, count).astype(np.float32)
+    power = rng.uniform(1, 1e4, count).astype(np.float32)  # not taken for dB
     return PointCloud(xyz, np.ones(count, bool), towards, power)
 
 
@@ -132,3 +132,26 @@ def test_a_map_of_points_leaves_out_what_moves():
     voxels = [set(map(tuple, each.radar.voxels.tolist())) for each in (still, found)]
     assert len(voxels[0]) > 50 and voxels[0] == voxels[1]
     np.testing.assert_allclose(np.ptp(found.path, axis=0), (1.1, 0, 0), atol=1e-6)
+
+
+def test_a_bag_of_enhanced_frames_is_a_recording_of_the_points(tmp_path):
+    """Its own cloud is not taken for a LiDAR's, and its points give the same cloud."""
+    pytest.importorskip("rosbags")
+    from jradar.outputs.published import published_frame
+    from jradar.outputs.writers import open_writer
+    from jradar.recordings import open_recording
+
+    walk = recording(*(points(50, seed) for seed in range(4)), poses=True)
+    found = enhance_recording(walk, MODEL)
+    writer, clouds = open_writer(tmp_path / "walk.ros2"), []
+    for frame in found:
+        writer.write(published_frame(walk, frame))
+        clouds.append(frame.cloud)
+    writer.close()
+    again = open_recording(tmp_path / "walk.ros2")
+    assert again.lidar is None and len(again.points) == 4
+    np.testing.assert_allclose(again.base_from_radar, np.eye(4))
+    np.testing.assert_allclose(again.poses.xyz[:, 0], [0, 0.1, 0.2, 0.3], atol=1e-6)
+    for frame, cloud in zip(enhance_recording(again, MODEL), clouds, strict=True):
+        np.testing.assert_array_equal(frame.cloud.valid, cloud.valid)
+        np.testing.assert_allclose(frame.cloud.xyz, cloud.xyz, atol=1e-4)

@@ -27,6 +27,7 @@ from jradar.recordings.bags.raw import holds_samples
 from jradar.recordings.bags.rig import read_rig
 from jradar.recordings.points.fields import (
     NAMES,
+    OURS,
     are_points,
     are_radar_points,
     match_fields,
@@ -78,7 +79,8 @@ def open_points_bag(path: Path | str, *, topic: str | None = None) -> Recording:
             f"{name} mixes the frames of reference {', '.join(sorted(places))}: they "
             "are taken as one",
         )
-    rig, notes = read_rig(path, name, radars=radars)
+    drawn = [name for name, names in seen.items() if OURS in names]
+    rig, notes = read_rig(path, name, radars=[*radars, *drawn])
     return points_recording(path, frames, notes=notes, **rig._asdict())
 
 

@@ -309,6 +309,52 @@ def test_the_rest_of_a_robots_bag_belongs_to_the_recording(tmp_path, fields, con
     assert scan is not None and len(scan) == 7
 
 
+def moved(store, stamp, length=1.0):
+    """The frames of a robot that moves along x: a fixed one is sent each time, too."""
+    types = store.types
+    vector = types["geometry_msgs/msg/Vector3"]
+    ahead = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, length)
+    metres = 1e-9 * (stamp - START)
+    return types[TF](
+        [
+            types["geometry_msgs/msg/TransformStamped"](
+                *(bag_writer.header(store, stamp, parent), child),
+                types["geometry_msgs/msg/Transform"](vector(*xyz), ahead),
+            )
+            for parent, child, xyz in [
+                ("odom", "base_link", (metres, 0.0, 0.0)),
+                ("base_link", "livox_frame", (0.0, 0.5, 1.0)),
+            ]
+        ]
+    )
+
+
+def moving_bag(folder, length=1.0):
+    points, messages = columns(table(np.random.default_rng(0))), []
+    for stamp in range(START, START + 5 * TENTH, TENTH):
+        frames = partial(moved, stamp=stamp, length=length)
+        make = bag_writer.point_cloud2(points, stamp)
+        messages += [("/radar", CLOUD, stamp, make), ("/tf", TF, stamp, frames)]
+    return open_recording(write_bag(folder, "mcap", messages))
+
+
+def test_without_odometry_poses_come_from_frames_that_move(tmp_path, fields):
+    register("mcap", TF, "geometry_msgs/TransformStamped[] transforms\n")
+    found = moving_bag(tmp_path / "a")
+    np.testing.assert_allclose(found.poses.xyz[:, 0], 0.1 * np.arange(5), atol=1e-6)
+    np.testing.assert_allclose(found.base_from_radar[:3, 3], (0, 0.5, 1))
+    assert "poses are those of base_link in odom, on the topic /tf" in found.notes
+
+
+def test_frames_that_are_no_rotations_are_left_out_with_a_note(tmp_path, fields):
+    register("mcap", TF, "geometry_msgs/TransformStamped[] transforms\n")
+    found = moving_bag(tmp_path / "a", length=3.0)
+    assert found.poses is None and found.base_from_radar is None
+    assert any(
+        "places are left out" in n and "not a rotation" in n for n in found.notes
+    )
+
+
 def test_two_lidars_are_named_and_none_is_used(tmp_path, fields):
     make = bag_writer.point_cloud2(columns(table(np.random.default_rng(0))), START)
     scan = bag_writer.livox(bag_writer.livox_rows(7), START)
