@@ -193,6 +193,11 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             f"{records.folder} has directions by {options['points']['angles']}, but "
             "models are used with directions by fft: train on records with that"
         )
+    if records.of_points:
+        raise UsageError(
+            f"{records.folder} holds the points that a radar sent, expected records of "
+            "its samples: `jradar finetune` takes points"
+        )
     points = PointSpec(**typed_fields(PointSpec, options["points"]))
     coarse, fine = build_images(config.image)
     with section("image"):

@@ -147,7 +147,7 @@ def marked_points(
     limit: float,
 ) -> PointCloud:
     """Return the points of the cells whose probability is at least `limit`."""
-    power = np.asarray(prepared.cells.power)
+    power = np.asarray(data.cells_of(prepared).power)
     return seen_points(prepared, probability(power) >= limit, view)
 
 
@@ -156,7 +156,7 @@ def choose_limit(
 ) -> tuple[float, float]:
     """Return the limit with the best mean F-score at 0.2 m, and that score."""
     prepared = [records[i] for i in spread(len(records), frames)]
-    found = [probability(frame.cells.power) for frame in prepared]
+    found = [probability(data.cells_of(frame).power) for frame in prepared]
 
     def clouds_at(limit):
         pairs = zip(prepared, found, strict=True)

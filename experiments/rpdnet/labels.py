@@ -40,7 +40,7 @@ class LabelledMaps(Sequence):
                 f"{records.folder} has no frame with a known velocity: labels need "
                 "static echoes in several directions"
             )
-        shapes = {i: records[i].cells.power.shape for i in known}
+        shapes = {i: data.cells_of(records[i]).power.shape for i in known}
         commonest = collections.Counter(shapes.values()).most_common(1)[0][0]
         self._index = [i for i in known if shapes[i] == commonest]
         self._velocities = velocities[self._index]
@@ -50,15 +50,16 @@ class LabelledMaps(Sequence):
 
     def __getitem__(self, i: Any) -> Any:
         frame = self._records[self._index[i]]
+        power = data.cells_of(frame).power
         label = label_cells(
             frame.lidar_xyz,
             self._velocities[i],
-            frame.cells.power,
+            power,
             self._records.radar_of(frame.sequence),
             min_snr_db=self._min_snr_db,
             range_bias_m=frame.range_bias_m,
         )
-        values = map_values(frame.cells.power)
+        values = map_values(power)
         return training.Batch(values[..., None], label[..., None].astype(np.float32))
 
 

@@ -179,7 +179,7 @@ def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]
     return {
         "recording": str(recording.path),
         **found.describe(),
-        "notes": list(recording.notes),
+        "notes": jradar.data.notes_of(recording),
         "written": results.put({PREVIEW: lambda path: viz.save_figure(figure, path)}),
     }
 
@@ -208,7 +208,7 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def score(options: argparse.Namespace) -> dict[str, Any]:
-    """Score CFAR, splat and models against the LiDAR of recordings."""
+    """Score models and the radar's points against the LiDAR of recordings."""
     from jradar.evaluation import score as scored
 
     report, results = "evaluation/report.html", None

@@ -11,6 +11,7 @@
 from jradar.data.augment import AugmentSpec as AugmentSpec
 from jradar.data.frames import (
     lidar_in_view as lidar_in_view,
+    notes_of as notes_of,
     preview as preview,
 )
 from jradar.data.loading import (
@@ -30,6 +31,7 @@ from jradar.data.prepare import (
 from jradar.data.records import (
     PreparedFrame as PreparedFrame,
     Records as Records,
+    cells_of as cells_of,
     is_records as is_records,
 )
 from jradar.data.sources import find_sources as find_sources, scene as scene

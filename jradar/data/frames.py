@@ -12,11 +12,17 @@ from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSpec, interpolate_poses, preprocess
 from jradar.lidar.preprocess import LidarSteps, aligned
 from jradar.radar import Cells, Radar, all_cells, cell_points, detect
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Recording, Stream, radar_from_lidar
 from jradar.types import PointCloud
 
 MAX_DROPPED = 0.5  # largest fraction of radar frames that may be dropped
 NO_ECHO, NO_RETURN = "all radar samples are zero", "no LiDAR point is in view"
+NO_POINT = "the radar sent no points"
+NOTHING_SEEN = NO_ECHO, NO_POINT, NO_RETURN
+NO_PLACE = (
+    "it is not known where the LiDAR is on the rig, so it is taken to be where the "
+    "radar is: give the places of both in a capture.toml or in the bag's /tf_static"
+)
 
 
 class EmptyFrame(ValueError):
@@ -43,6 +49,12 @@ def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
     if recording.poses is not None:
         span = tuple(recording.poses.stamps[[0, -1]].tolist())
     return match_nearest(stamps, lidar_stamps, tolerance_s=spec.tolerance_s, span=span)
+
+
+def notes_of(recording: Recording) -> list[str]:
+    """Return the recording's notes, and one if the place of its LiDAR is unknown."""
+    unknown = recording.lidar is not None and radar_from_lidar(recording) is None
+    return [*recording.notes, *([NO_PLACE] if unknown else [])]
 
 
 def match_nearest(
@@ -93,7 +105,7 @@ def check_dropped(name: str, num_frames: int, dropped: dict[int, str]) -> None:
 
     Frames in which a sensor saw nothing do not count: they do not show the clocks.
     """
-    reasons = [why for why in dropped.values() if why not in (NO_ECHO, NO_RETURN)]
+    reasons = [why for why in dropped.values() if why not in NOTHING_SEEN]
     if len(reasons) > MAX_DROPPED * num_frames:
         counts = ", ".join(f"{reasons.count(r)} {r}" for r in dict.fromkeys(reasons))
         raise ValueError(
@@ -108,15 +120,13 @@ def prepare_frame(
     """Prepare one radar frame with its LiDAR scan, on the host.
 
     Also returns the steps of the LiDAR's preparation and the radar points that the
-    visibility filter trusted. Raises ValueError without LiDAR or time stamps, and
-    EmptyFrame for radar samples that are all zero or a scan without a point in view.
+    visibility filter trusted. It trusts all points that a radar sent. Raises ValueError
+    without LiDAR or time stamps, and EmptyFrame for radar samples that are all zero, a
+    radar that sent no points, or a scan without a point in view.
     """
     stamps, lidar, lidar_stamps = _timed(recording)
     stamp, lidar_stamp = float(stamps[radar_index]), float(lidar_stamps[lidar_index])
-    cube = recording.cube(radar_index)
-    if not np.any(cube):
-        raise EmptyFrame(recording.name, radar_index, NO_ECHO)
-    cells, cloud, trusted = radar_side(cube, recording.radar, spec)
+    cells, cloud, trusted, range_bias_m = _measured(recording, radar_index, spec)
     world_from_radar, world_from_lidar = sensor_poses(recording, stamp, lidar_stamp)
     trusted_xyz = np.asarray(trusted.xyz)[np.asarray(trusted.valid)]
     steps = preprocess(
@@ -135,12 +145,28 @@ def prepare_frame(
         stamp=stamp,
         lidar_stamp=lidar_stamp,
         world_from_radar=world_from_radar,
-        cells=jax.tree.map(np.asarray, cells),
-        radar=jax.tree.map(np.asarray, cloud),
+        cells=cells,
+        radar=cloud,
         lidar_xyz=steps.xyz[steps.visible],
-        range_bias_m=float(recording.radar.range_bias_m),
+        range_bias_m=range_bias_m,
     )
     return frame, steps, trusted_xyz
+
+
+def _measured(
+    recording: Recording, index: int, spec: PrepareSpec
+) -> tuple[Cells | None, PointCloud, PointCloud, float]:
+    """Return cells, the condition's and the trusted cloud, and the bias of ranges."""
+    measured = recording.frames[index]
+    if isinstance(measured, PointCloud):
+        if not np.any(measured.valid):
+            raise EmptyFrame(recording.name, index, NO_POINT)
+        cloud = measured.padded()  # as records are read: few sizes are compiled
+        return None, cloud, cloud, 0.0
+    if not np.any(measured):
+        raise EmptyFrame(recording.name, index, NO_ECHO)
+    found = radar_side(measured, recording.radar, spec)
+    return *jax.tree.map(np.asarray, found), float(recording.radar.range_bias_m)
 
 
 def lidar_in_view(
@@ -160,14 +186,14 @@ def lidar_in_view(
 
 def _timed(recording: Recording) -> tuple[np.ndarray, Stream, np.ndarray]:
     """Return the radar's time stamps, the LiDAR's scans and their time stamps."""
-    lidar, cubes = recording.lidar, recording.cubes
-    if lidar is None or lidar.stamps is None or cubes.stamps is None:
+    lidar, frames = recording.lidar, recording.frames
+    if lidar is None or lidar.stamps is None or frames.stamps is None:
         lacks = "no LiDAR" if lidar is None else "no time stamps"
         raise ValueError(
             f"{recording.path} has {lacks}: training pairs need both sensors and their "
             "times; describe the recording in a capture.toml"
         )
-    return cubes.stamps, lidar, lidar.stamps
+    return frames.stamps, lidar, lidar.stamps
 
 
 def sensor_poses(
@@ -241,7 +267,7 @@ def preview(
     Raises ValueError, with the reason, if none has.
     """
     matches = matches_of(recording, spec)
-    wanted = range(*frames.indices(len(recording.cubes)))
+    wanted = range(*frames.indices(len(recording.frames)))
     pairs = zip(matches.radar.tolist(), matches.lidar.tolist(), strict=True)
     for radar, lidar in pairs:
         if radar in wanted:

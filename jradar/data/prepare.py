@@ -6,9 +6,10 @@ was stopped resumes after its last complete shard, and any number of workers wri
 same bytes. One worker runs in this process; several run in a local Dask cluster, or in
 the cluster at `scheduler`, whose machines must see the same files.
 
-All sequences of a folder have the same antennas. Chirps may differ: each sequence is
-processed with its own radar. The manifest's `radar` is that of most sequences, and
-`other_radars` lists the others with the names of their sequences.
+All sequences of a folder hold samples of the same antennas, or all hold points that a
+radar sent. Chirps may differ: each sequence is processed with its own radar. The
+manifest's `radar` is that of most sequences, and `other_radars` lists the others with
+the names of their sequences. Of points, `radar` is null.
 """
 
 import contextlib
@@ -29,6 +30,7 @@ from jradar.data.frames import (
     Matches,
     check_dropped,
     matches_of,
+    notes_of,
     prepare_frame,
     radar_side,
 )
@@ -215,13 +217,44 @@ def _opened(source: Source) -> Recording:
 def _head(sources, spec, frames):
     """Return the manifest's part that determines the bytes of the shards.
 
-    Its `radar` is that of most sequences. Raises ValueError for radars with different
-    antennas, and for options that do not suit one of them.
+    Its `radar` is that of most sequences. Raises UsageError for samples and points
+    together, and ValueError for samples of radars with different antennas, and for
+    options that do not suit one of them.
     """
     of_radar: dict[RadarSpec, list[str]] = {}
+    of_points: list[str] = []
     for source in sources:
-        of_radar.setdefault(source.open().radar.spec, []).append(source.name)
+        recording = source.open()
+        alike = of_points
+        if not recording.of_points:
+            alike = of_radar.setdefault(recording.radar.spec, [])
+        alike.append(source.name)
     radars = sorted(of_radar, key=lambda radar: -len(of_radar[radar]))  # stable
+    if of_points and radars:
+        raise UsageError(
+            f"{of_radar[radars[0]][0]} holds a radar's samples and {of_points[0]} the "
+            "points that a radar sent, expected one kind: prepare them into different "
+            "folders"
+        )
+    _check_radars(radars, of_radar, spec)
+    head = {
+        "format": FORMAT,
+        "jradar": __version__,
+        "complete": False,
+        "radar": dataclasses.asdict(radars[0]) if radars else None,
+        "options": dataclasses.asdict(spec),
+        "frames": [frames.start, frames.stop],
+        "names": [source.name for source in sources],
+    }
+    others = [
+        {"radar": dataclasses.asdict(radar), "sequences": of_radar[radar]}
+        for radar in radars[1:]
+    ]
+    return head | ({"other_radars": others} if others else {})
+
+
+def _check_radars(radars, of_radar, spec):
+    """Raise ValueError for radars whose antennas differ, and for unsuited options."""
     if len({tuple(getattr(r, name) for name in ARRAY) for r in radars}) > 1:
         names = [f"{r.name} {r.cube_shape} of {of_radar[r][0]}" for r in radars]
         raise ValueError(
@@ -233,20 +266,6 @@ def _head(sources, spec, frames):
         dtype = np.float32 if radar.real_samples else np.complex64
         cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
         jax.eval_shape(functools.partial(radar_side, spec=spec), cube, Radar(radar))
-    head = {
-        "format": FORMAT,
-        "jradar": __version__,
-        "complete": False,
-        "radar": dataclasses.asdict(radars[0]),
-        "options": dataclasses.asdict(spec),
-        "frames": [frames.start, frames.stop],
-        "names": [source.name for source in sources],
-    }
-    others = [
-        {"radar": dataclasses.asdict(radar), "sequences": of_radar[radar]}
-        for radar in radars[1:]
-    ]
-    return head | ({"other_radars": others} if others else {})
 
 
 def _check_contents(folder) -> dict[str, Any]:
@@ -285,6 +304,9 @@ def _difference(key, old, new):
     if key in OPTIONAL:
         count = (len(listed or []) for listed in (old, new))
         return "{} were listed, now {} with other fields".format(*count)
+    if key == "radar" and None in (old, new):
+        kinds = ("points" if radar is None else "samples" for radar in (old, new))
+        return "it holds records of {}, now of {}".format(*kinds)
     if key == "names":
         gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
         return f"{len(gone)} removed {gone[:3]}, {len(added)} added {added[:3]}"
@@ -318,9 +340,9 @@ def _chosen(source, spec, frames):
     wanted = source.frames(recording, frames)
     if not wanted and source.part != (0.0, 1.0):
         raise UsageError(
-            f"{source.name}: a recording of {len(recording.cubes)} frames is too short "
-            "to be cut into two parts: record longer, or name another recording by "
-            "--validation"
+            f"{source.name}: a recording of {len(recording.frames)} frames is too "
+            "short to be cut into two parts: record longer, or name another recording "
+            "by --validation"
         )
     dropped = {i: why for i, why in matches.dropped.items() if i in wanted}
     check_dropped(recording.name, len(wanted), dropped)
@@ -337,13 +359,16 @@ def _summary(source, matches, shards, spec, frames):
     check_dropped(source.name, count, dropped)
     reasons = [*dropped.values()]
     keys = ("file", "frames", "bytes", "sha256")
-    points = spec.points.subtracting(recording.radar.leakage)
+    windows = {}
+    if not recording.of_points:
+        points = spec.points.subtracting(recording.radar.leakage)
+        windows["windows"] = [points.doppler_window, points.range_window]
     return {
         "name": source.name,
         "split": source.split,
         "frames": sum(len(shard["frames"]) for shard in shards),
         "dropped": {why: reasons.count(why) for why in dict.fromkeys(reasons)},
-        "notes": list(recording.notes),
-        "windows": [points.doppler_window, points.range_window],
+        "notes": notes_of(recording),
+        **windows,
         "shards": [{key: shard[key] for key in keys} for shard in shards],
     }

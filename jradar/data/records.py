@@ -5,8 +5,9 @@
     DST/<sequence>/0000.json               numbers of its radar frames, and its digest
 
 A record contains preprocessed radar cells and points, not images: `PairSource` computes
-images on reading, for any view, size and number of slices. Records are read in any
-order. ArrayRecord checks each record when it is read; `Records.verify` checks all.
+images on reading, for any view, size and number of slices. A radar that sends points
+has no cells. Records are read in any order. ArrayRecord checks each record when it is
+read; `Records.verify` checks all.
 """
 
 import contextlib
@@ -17,13 +18,13 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import safetensors.numpy
 from jaxtyping import Float
 
-from jradar.errors import optional, parsing
+from jradar.errors import UsageError, optional, parsing
 from jradar.fields import typed_fields
 from jradar.files import DISK_FULL, atomic_path, inside, read_json, write_text
 from jradar.lidar import LidarSpec
@@ -44,8 +45,8 @@ class PreparedFrame(NamedTuple):
     stamp: float  # time of the radar frame in seconds
     lidar_stamp: float
     world_from_radar: Float[np.ndarray, "4 4"]  # NaN without a trajectory
-    cells: Cells  # the whole range-Doppler map
-    radar: PointCloud  # the condition's points
+    cells: Cells | None  # the whole range-Doppler map; None of a radar's own points
+    radar: PointCloud  # the condition's points, or the radar's own
     lidar_xyz: Float[np.ndarray, "point 3"]  # preprocessed, in the radar's frame
     range_bias_m: float = 0.0  # to subtract from the cells' ranges
 
@@ -57,11 +58,9 @@ package = functools.partial(
 
 def to_bytes(frame: PreparedFrame) -> bytes:
     """Return a frame as safetensors bytes; the angles of cells become float16."""
-    cells = frame.cells._replace(
-        power=np.float32(frame.cells.power),
-        azimuth=np.float16(frame.cells.azimuth),
-        elevation=np.float16(frame.cells.elevation),
-    )
+    cells = {} if frame.cells is None else frame.cells._asdict()
+    kinds = {"power": np.float32, "azimuth": np.float16, "elevation": np.float16}
+    cells |= {name: kind(cells[name]) for name, kind in kinds.items() if name in cells}
     arrays = {
         "sequence": np.frombuffer(frame.sequence.encode(), np.uint8),
         "frame": np.int64(frame.frame),
@@ -69,7 +68,7 @@ def to_bytes(frame: PreparedFrame) -> bytes:
         "world_from_radar": np.float64(frame.world_from_radar),
         "lidar_xyz": np.float32(frame.lidar_xyz),
         "range_bias_m": np.float64(frame.range_bias_m),
-        **{f"cells.{name}": values for name, values in cells._asdict().items()},
+        **{f"cells.{name}": values for name, values in cells.items()},
         **{f"radar.{name}": values for name, values in frame.radar._asdict().items()},
     }
     known = {name: values for name, values in arrays.items() if values is not None}
@@ -87,7 +86,10 @@ def from_bytes(record: bytes) -> PreparedFrame:
             part, _, field = name.partition(".")
             if field:
                 parts[part][field] = values
-        cells = Cells(**parts["cells"])
+        cells = Cells(**parts["cells"]) if parts["cells"] else None
+        if cells is not None:
+            angles = np.float32(cells.azimuth), np.float32(cells.elevation)
+            cells = cells._replace(azimuth=angles[0], elevation=angles[1])
         stamp, lidar_stamp = arrays["stamps"].tolist()
         return PreparedFrame(
             sequence=arrays["sequence"].tobytes().decode(),
@@ -95,13 +97,22 @@ def from_bytes(record: bytes) -> PreparedFrame:
             stamp=stamp,
             lidar_stamp=lidar_stamp,
             world_from_radar=arrays["world_from_radar"],
-            cells=cells._replace(
-                azimuth=np.float32(cells.azimuth), elevation=np.float32(cells.elevation)
-            ),
+            cells=cells,
             radar=PointCloud(**parts["radar"]),
             lidar_xyz=arrays["lidar_xyz"],
             range_bias_m=float(arrays.get("range_bias_m", 0.0)),
         )
+
+
+def cells_of(frame: PreparedFrame) -> Cells:
+    """Return the cells of a frame; UsageError for a frame of a radar's own points."""
+    if frame.cells is None:
+        raise UsageError(
+            f"{frame.sequence}, frame {frame.frame}: the record holds a radar's own "
+            "points, expected the cells of its samples: `jradar score` and `jradar "
+            "finetune` take points"
+        )
+    return frame.cells
 
 
 def write_shard(
@@ -244,7 +255,9 @@ class Records(Stream):
         """Return the manifest's sequences; ValueError for a damaged manifest."""
         path = self.folder / "manifest.json"
         with parsing(path, "a manifest of records"):
-            self.radar = RadarSpec.from_dict(self.manifest["radar"])
+            self.radar = cast(RadarSpec, None)  # of points
+            if not self.of_points:
+                self.radar = RadarSpec.from_dict(self.manifest["radar"])
             self._other_radars = {
                 name: RadarSpec.from_dict(entry["radar"])
                 for entry in self.manifest.get("other_radars", [])
@@ -270,6 +283,11 @@ class Records(Stream):
             where = f"record {index} ({sequence}, frame {frame})"
             raise ValueError(f"{self.folder}, {where}: {error}") from error
         return frame._replace(sequence=self.where[index][0])  # NAME-end, of a part
+
+    @property
+    def of_points(self) -> bool:
+        """Whether the frames are points that a radar sent, so that `radar` is None."""
+        return self.manifest["radar"] is None
 
     def radar_of(self, sequence: str) -> RadarSpec:
         """Return the radar of a sequence; its antennas are those of `radar`."""

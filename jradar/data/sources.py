@@ -16,7 +16,7 @@ from jradar.errors import UsageError
 from jradar.files import read_json
 from jradar.options.recordings import SPLITS
 from jradar.recordings.open import is_recording, open_recording
-from jradar.recordings.recording import Recording, need_samples
+from jradar.recordings.recording import Recording
 
 APART_S, APART = 2.0, 20  # between the parts of a recording: seconds, frames
 TRAIN_RUNS = 3  # "the first three trajectories of each environment"
@@ -50,9 +50,7 @@ class Source(NamedTuple):
 
     def open(self) -> Recording:
         """Open the recording; its frames are read on access."""
-        recording = open_recording(self.path, **dict(self.opening))
-        need_samples(recording)
-        return recording
+        return open_recording(self.path, **dict(self.opening))
 
     def frames(self, recording: Recording, chosen: slice) -> range:
         """Return the numbers of the chosen frames that are in this part.
@@ -60,14 +58,15 @@ class Source(NamedTuple):
         A part that ends before the last frame ends early, so that the frames of two
         parts are at least `APART_S` apart, or `APART` frames without times.
         """
-        count, stamps = len(recording.cubes), recording.cubes.stamps
+        count, stamps = len(recording.frames), recording.frames.stamps
         wanted = range(*chosen.indices(count))
         first, last = (round(share * len(wanted)) for share in self.part)
-        if last < len(wanted):
+        if last < len(wanted) and stamps is None:
             last = max(last - APART, 0)
-            if stamps is not None:
-                end = stamps[wanted[round(self.part[1] * len(wanted))]] - APART_S
-                last = int(np.searchsorted(np.asarray(stamps)[list(wanted)], end))
+        elif last < len(wanted):
+            times = np.asarray(stamps)[list(wanted)]  # which may not rise everywhere
+            apart = abs(times[:last] - times[last]) > APART_S
+            last = int(np.flatnonzero(apart).max(initial=-1)) + 1
         return wanted[first:last]
 
 

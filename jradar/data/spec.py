@@ -17,8 +17,9 @@ class PrepareSpec:
 
     The condition uses nearly every cell (`false_alarm_rate` close to 1, section III-A).
     The visibility filter of the LiDAR trusts only points that are detected at
-    `visible_false_alarm_rate`, with directions by "fft". Raises ValueError for values
-    that cannot be used.
+    `visible_false_alarm_rate`, with directions by "fft". Where the radar sends points,
+    these are the condition's and all are trusted, so neither option is used. Raises
+    ValueError for values that cannot be used.
     """
 
     points: PointSpec = PointSpec(false_alarm_rate=1.0)  # of the condition

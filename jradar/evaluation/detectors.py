@@ -1,4 +1,4 @@
-"""CFAR detectors on records: the methods that every model is compared with."""
+"""What models are compared with: CFAR detectors, or the points that a radar sent."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -18,6 +18,7 @@ from jradar.types import PointCloud
 RATES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # false-alarm rates to choose from
 FRAMES = 48  # that the choice is made on
 SMEAR_M = 0.2  # the deviation of a smeared point in each coordinate
+OWN_POINTS = "radar points"  # the method of the points that a radar sent
 Choice = TypeVar("Choice")
 
 
@@ -35,10 +36,23 @@ def detector_methods(view: RecordsInView, rates: dict[str, float]) -> dict[str, 
         f"{detector.upper()}-CFAR": method(detector=detector, rate=rate)
         for detector, rate in rates.items()
     }
-    if not found:
+    return _with_splat(found, view)
+
+
+def point_methods(view: RecordsInView) -> dict[str, Method]:
+    """Return the points that a radar sent, in the field of view, and their `splat`."""
+
+    def method(_key, frame):
+        return _in_view(frame.prepared.radar, view)
+
+    return _with_splat({OWN_POINTS: method}, view)
+
+
+def _with_splat(methods: dict[str, Method], view: RecordsInView) -> dict[str, Method]:
+    if not methods:
         return {}
-    last = [*found.values()][-1]
-    return {**found, "splat": lambda key, frame: smeared(key, last(key, frame), view)}
+    last = [*methods.values()][-1]
+    return methods | {"splat": lambda key, frame: smeared(key, last(key, frame), view)}
 
 
 def smeared(key: jax.Array, cloud: PointCloud, view: RecordsInView) -> PointCloud:
@@ -69,10 +83,13 @@ def in_view(xyz: np.ndarray, view: RecordsInView) -> np.ndarray:
 def detected(
     prepared: data.PreparedFrame, view: RecordsInView, *, detector: str, rate: float
 ) -> PointCloud:
-    """Return the points that a detector finds in the field of view."""
+    """Return the points that a detector finds in the field of view.
+
+    Raises UsageError for a frame of points that the radar sent.
+    """
     radar = view.radar_of(prepared)
     points = view.points(prepared, detector=detector, false_alarm_rate=rate)
-    mask = detect(prepared.cells.power, radar, points=points)
+    mask = detect(data.cells_of(prepared).power, radar, points=points)
     return seen_points(prepared, mask, view)
 
 
@@ -81,7 +98,11 @@ def seen_points(
 ) -> PointCloud:
     """Return the points of the cells in `mask` that lie in the field of view."""
     radar = Radar(view.radar_of(prepared), range_bias_m=prepared.range_bias_m)
-    cloud = cell_points(prepared.cells, mask, radar, points=view.points(prepared))
+    cells, points = data.cells_of(prepared), view.points(prepared)
+    return _in_view(cell_points(cells, mask, radar, points=points), view)
+
+
+def _in_view(cloud: PointCloud, view: RecordsInView) -> PointCloud:
     seen = in_view(np.asarray(cloud.xyz), view)
     return cloud._replace(valid=np.asarray(cloud.valid) & seen)
 

@@ -35,26 +35,31 @@ def score_frames(
     truths: Mapping[str, Truth],
     scene: str,
     sequence: str = "",
-    warm_up: bool = True,
+    size: Callable[[Any], int] = lambda frame: 0,
+    compiled: set[int] | None = None,
     watch: Watch | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Yield the scores of each method on each frame of a sequence, against each truth.
 
     `frames` is in order of time. A truth returns a frame's points `[point, 3]`. All
     methods get the same key for a frame. Rows have the fields of `scores`, of which
-    `milliseconds` is the wall time of the method. Before the first frame, an untimed
-    call compiles the method, unless `warm_up` is False. `watch` is called with each
-    frame and row, and with the cloud and the true points that were compared.
+    `milliseconds` is the wall time of the method. Before the first frame of a `size`,
+    an untimed call compiles the method; `compiled` are the sizes that need none, and
+    learns those that are seen. `watch` is called with each frame and row, and with the
+    cloud and the true points that were compared.
     """
     if not methods or not truths:
         raise ValueError(
             f"{len(methods)} methods and {len(truths)} truths, expected 1 or more each"
         )
+    compiled = set() if compiled is None else compiled
     for index, frame in enumerate(frames):
+        is_new = size(frame) not in compiled
+        compiled.add(size(frame))
         frame_key = jax.random.fold_in(key, index)
         true_points = {name: truth(frame) for name, truth in truths.items()}
         for name, method in methods.items():
-            if warm_up and index == 0:
+            if is_new:
                 jax.block_until_ready(method(frame_key, frame))
             start = time.perf_counter()
             cloud = jax.block_until_ready(method(frame_key, frame))

@@ -153,7 +153,8 @@ def score_and_keep(
         place = frame.prepared.sequence, frame.prepared.frame
         if place in shown and row["truth"] == TRUTH:
             named = clouds.setdefault((row["scene"], *place), {})
-            named.setdefault("radar", points_of(frame.prepared.radar))
+            if not view.records.of_points:  # which are those of a method
+                named.setdefault("radar", points_of(frame.prepared.radar))
             named[row["method"]] = surest_points(cloud)
             named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # LiDAR comes last
 
@@ -203,7 +204,7 @@ def score_records(
             unproject(frame.pair.lidar, view.fine)
         ),
     }
-    records, done = view.records, 0
+    records, done, compiled = view.records, 0, set()
     scored = _scored(records, every)
     with progress("scoring", sum(map(len, scored.values())), unit="frames") as show:
         for number, (sequence, index) in enumerate(scored.items()):
@@ -214,7 +215,8 @@ def score_records(
                 truths=truths,
                 scene=scene_of(sequence),
                 sequence=sequence,
-                warm_up=not done,
+                size=lambda frame: len(frame.prepared.radar.valid),
+                compiled=compiled,
                 watch=watch,
             )
             for row in rows:

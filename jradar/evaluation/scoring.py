@@ -1,4 +1,4 @@
-"""Scores on one's own rig: CFAR, splat and models against the recording's own LiDAR.
+"""Scores on one's own rig: models against the recording's own LiDAR.
 
     found = score(["walks/home_902"], models=["jradar-sim", "mine"])
     found.describe(), found.write("scores")
@@ -8,8 +8,9 @@ Recordings are prepared as for training, and then scored as records are; the fol
 the radar could have seen, by the rule of training, and, for recordings, all of its
 points in the field of view. A model of recordings goes the way of `enhance_recording`;
 one in the plane of a row of antennas is compared, as all methods next to it, with what
-lies in that plane. The detector has the false-alarm rate that is best on the
-scored frames, which favours it.
+lies in that plane. Models are compared with OS-CFAR, or with the points that the radar
+sent, and with `splat`, the same points smeared. The detector has the false-alarm rate
+that is best on the scored frames, which favours it.
 """
 
 import dataclasses
@@ -24,7 +25,13 @@ import numpy as np
 from jradar import data, viz
 from jradar.data import PrepareSpec, Records
 from jradar.errors import UsageError
-from jradar.evaluation.detectors import choose_rates, detector_methods
+from jradar.evaluation.confidence import NO_POINTS
+from jradar.evaluation.detectors import (
+    OWN_POINTS,
+    choose_rates,
+    detector_methods,
+    point_methods,
+)
 from jradar.evaluation.methods import Method, Truth, ring_edges, score_rings
 from jradar.evaluation.records import (
     TRUTH,
@@ -47,12 +54,14 @@ from jradar.lidar import LidarSpec
 from jradar.metrics import near_truth
 from jradar.model import FrameGrid, Model, load_model
 from jradar.pipeline import Pipeline, of_model
+from jradar.pipeline.warnings import InView
 from jradar.radar.angle.spectrum import azimuth_bins
 from jradar.recordings import Recording
 from jradar.types import PointCloud
 
 WHOLE = "whole LiDAR in view"
 DETECTORS = ("os",)
+SENT = "one that sends points"
 SCORED = ("test", "validation")  # splits of records, the first that there is
 JUDGED = "f_score_0.2"
 OWN = ("codec", "validity_threshold", "history")  # fields that models may differ in
@@ -148,13 +157,14 @@ def score(
     seed: int = 0,
     **opening: Any,
 ) -> Score:
-    """Score models and detectors on recordings, or on one folder of records.
+    """Score models and the radar's points on recordings, or on one folder of records.
 
     `split` is that of records, by default test or else validation; `frames` selects
     frames of each recording, and `opening` are keyword arguments of `open_recording`.
-    Raises UsageError for models of other views or radar points than the first, and for
-    records without the split; ValueError for recordings without LiDAR, of radars with
-    other antennas, or in which no LiDAR point can be seen.
+    Raises UsageError for models of other views or radar points than the first, for
+    models of samples on points, and for records without the split; ValueError for
+    recordings without LiDAR, of radars with other antennas, or in which no LiDAR point
+    can be seen.
     """
     paths = [path] if isinstance(path, str | Path) else [*path]
     loaded = {str(name): load_model(name) for name in models}
@@ -175,9 +185,11 @@ def score(
     view = {name: getattr(first.spec.frame_grid.view, name) for name in VIEW}
     spec = PrepareSpec(points=first.spec.points, lidar=LidarSpec(**view))
     with tempfile.TemporaryDirectory() as scratch:
-        data.prepare(paths, scratch, spec, frames=frames, workers=1, **opening)
         sources = data.find_sources(paths, **opening)
         recordings = {source.name: source.open() for source in sources}
+        if any(recording.of_points for recording in recordings.values()):
+            _check_points(first)
+        data.prepare_sources(sources, scratch, spec, frames=frames, workers=1)
 
         def whole(frame):
             recording = recordings[frame.prepared.sequence]
@@ -198,10 +210,16 @@ def _recorded(model: Model, recordings: dict[str, Recording], seed: int) -> Meth
         recording = recordings[name]
         if name not in pipelines:
             pipelines[name] = Pipeline(recording, model, seed=seed, anyway=True)
-        cube, stamp_s = recording.cube(number), frame.prepared.stamp
-        return pipelines[name].frame(number, cube, stamp_s).cloud
+        measured, stamp_s = recording.frames[number], frame.prepared.stamp
+        return pipelines[name].frame(number, measured, stamp_s).cloud
 
     return method
+
+
+def _check_points(model: Model) -> None:
+    """Raise UsageError for a model that sees a radar's samples, not its points."""
+    grid = model.spec.frame_grid
+    jax.eval_shape(lambda points: grid.condition(None, points, None), NO_POINTS)
 
 
 def _alike(models: dict[str, Model]) -> Model:
@@ -249,8 +267,9 @@ def _records(folder: Path | str, split: str | None) -> Records:
 
 
 def _scored(records, models, answers, truths, seed) -> Score:
-    """Return the scores of the detectors and of the models' answers on records."""
-    grid: FrameGrid = next(iter(models.values())).spec.frame_grid
+    """Return the scores of the radar's points and of the models' answers on records."""
+    first: Model = next(iter(models.values()))
+    grid = first.spec.frame_grid
     view = RecordsInView(records, grid.view)
     if not any(len(records[i].lidar_xyz) for i in range(len(records))):
         raise ValueError(
@@ -258,14 +277,21 @@ def _scored(records, models, answers, truths, seed) -> Score:
             "have seen: are the poses of the sensors and their clocks right? `jradar "
             "prepare --preview` draws a frame of them"
         )
-    rates = choose_rates(view, records, detectors=DETECTORS)
-    methods = detector_methods(view, rates)
+    rates: dict[str, float] = {}
+    if records.of_points:
+        methods = point_methods(view)
+    else:
+        rates = choose_rates(view, records, detectors=DETECTORS)
+        methods = detector_methods(view, rates)
     methods = {k: _compared(method, grid) for k, method in (methods | answers).items()}
     edges, rings, judged = ring_edges(grid.view.max_range_m), [], {}
+    sent = InView(first)
 
     def watch(frame, row, cloud, truth):
         if row["truth"] != TRUTH:
             return
+        if row["method"] == OWN_POINTS:
+            sent.add(frame.prepared.radar)
         points = surest_points(cloud)
         about = {name: row[name] for name in ("scene", "sequence", "frame", "method")}
         rings.extend(
@@ -287,7 +313,7 @@ def _scored(records, models, answers, truths, seed) -> Score:
     names = [name for name, _ in records.where]
     return Score(
         records={name: names.count(name) for name in dict.fromkeys(names)},
-        radar=records.radar.name,
+        radar=SENT if records.of_points else records.radar.name,
         models=tuple(models),
         rows=rows,
         rings=rings,
@@ -301,7 +327,7 @@ def _scored(records, models, answers, truths, seed) -> Score:
         },
         clouds=clouds,
         view=view,
-        notes=tuple(_notes(records, models, rates, rows)),
+        notes=(*sent.warnings(), *_notes(records, models, rates, rows)),
     )
 
 

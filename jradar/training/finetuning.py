@@ -270,7 +270,8 @@ def _keep(path: Path, model: Model, step: int, scores: dict[str, float]) -> None
 
 
 def _card(card: Card, own: Records, old: Old, step: int, name: str) -> Card:
-    radars = dict.fromkeys((own.radar, *own.other_radars, *card.radars))
+    recorded = () if own.of_points else (own.radar, *own.other_radars)
+    radars = dict.fromkeys((*recorded, *card.radars))
     return Card(
         purpose=f"{name} fine-tuned on {len(own)} frames of one's own rig",
         steps_seen=card.steps_seen + step,

@@ -20,10 +20,9 @@ def cloud(xyz):
     return PointCloud.from_xyz(xyz)
 
 
-def score(methods, *, truths=None, frames=FRAMES):
-    truths = truths or {"LiDAR": lambda xyz: xyz}
-    rows = score_frames(jax.random.key(0), frames, methods, truths=truths, scene="Hall")
-    return [*rows]
+def score(methods, *, truths=None, frames=FRAMES, **options):
+    options |= {"truths": truths or {"LiDAR": lambda xyz: xyz}, "scene": "Hall"}
+    return [*score_frames(jax.random.key(0), frames, methods, **options)]
 
 
 def test_perfect_far_and_empty_methods():
@@ -85,8 +84,10 @@ def test_several_truths_see_the_same_cloud():
     assert len({tuple(key) for key in keys}) == 2
 
 
-def test_the_first_call_is_not_timed(monkeypatch):
-    now, waits = 0.0, [10.0, 0.02, 0.02]
+@pytest.mark.parametrize("by_size", [False, True])
+def test_the_first_call_is_not_timed(monkeypatch, by_size):
+    """Nor is the first one of each size of frames."""
+    now, waits = 0.0, [10.0, 0.02, *[10.0] * by_size, 0.02]
     monkeypatch.setattr("time.perf_counter", lambda: now)
 
     def slow_at_first(key, xyz):
@@ -94,7 +95,8 @@ def test_the_first_call_is_not_timed(monkeypatch):
         now += waits.pop(0)
         return cloud(xyz)
 
-    rows = score({"a": slow_at_first})
+    sizes = {"size": len} if by_size else {}
+    rows = score({"a": slow_at_first}, frames=[WALL, WALL[:9]], **sizes)
     times = [row["milliseconds"] for row in rows]
     assert not waits and times == pytest.approx([20, 20])
 

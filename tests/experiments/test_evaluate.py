@@ -119,12 +119,17 @@ def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():
     np.testing.assert_array_equal(evaluation.surest_points(sure), expected)
 
 
-def test_models_are_not_trained_on_directions_by_music(trained):
+def test_models_are_not_trained_on_directions_by_music_or_a_radars_points(
+    trained, monkeypatch
+):
     config, _, frames, _ = trained
     frames.manifest["options"]["points"]["angles"] = "music"
     with pytest.raises(UsageError, match="has directions by music"):
         build.build_spec(config, frames)
     frames.manifest["options"]["points"]["angles"] = "fft"
+    monkeypatch.setitem(frames.manifest, "radar", None)
+    with pytest.raises(UsageError, match="the points that a radar sent, expected"):
+        build.build_spec(config, frames)
 
 
 def test_a_config_for_recordings_asks_for_them(tmp_path):

@@ -16,6 +16,7 @@ from jradar.training import FinetuneSpec, choosing, finetune, finetuning
 from jradar.training.choosing import SCORE, Scores, kept_change
 from jradar.training.replay import Old, halves
 from tests.models import GRID, tiny_model
+from tests.recordings.points.astyx_writer import write_astyx
 from tests.recordings.small_sequence import write_sequence, write_splits
 
 VIEW = {k: getattr(GRID.view, k) for k in ("azimuth", "elevation", "max_range_m")}
@@ -97,6 +98,25 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
         finetune(records, tmp_path / "mine", model=start, spec=other, replay=records)
     with pytest.raises(UsageError, match="holds a run with replay_records = "):
         finetune(records, tmp_path / "mine", model=start, spec=QUICK)
+
+
+@pytest.mark.slow
+def test_a_radars_points_are_learnt_next_to_old_samples(records, start, tmp_path):
+    walks = [
+        write_astyx(tmp_path / f"{name}.npz", [("wall", "pillar")] * 2, seed=seed)
+        for seed, name in enumerate("ab")
+    ]
+    spec = PrepareSpec(lidar=LidarSpec(**VIEW))
+    splits = {"b": "validation"}
+    prepare(walks, tmp_path / "points", spec, workers=1, splits=splits)
+    options = {"model": start, "spec": QUICK, "replay": records}
+    found = finetune(tmp_path / "points", tmp_path / "mine", **options)
+    counts = {"training": 2, "validation": 2, "old": 4, "old, held out": 4}
+    assert found.frames == counts and found.after.own[SCORE] >= found.before.own[SCORE]
+    assert found.best_step and found.share  # what it starts from is random
+    saved = load_model(tmp_path / "mine")
+    assert "fine-tuned on 2 frames" in saved.card.purpose
+    assert saved.card.radars == load_model(start).card.radars
 
 
 def test_old_frames_are_held_out_by_sequence(tmp_path):
