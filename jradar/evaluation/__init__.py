@@ -19,6 +19,8 @@ from jradar.evaluation.confidence import (
 from jradar.evaluation.detectors import (
     choose_rates as choose_rates,
     detector_methods as detector_methods,
+    in_view as in_view,
+    smeared as smeared,
 )
 from jradar.evaluation.methods import (
     Method as Method,

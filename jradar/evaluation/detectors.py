@@ -13,6 +13,7 @@ from jradar.evaluation.statistics import spread
 from jradar.lidar import shared_field_of_view
 from jradar.metrics import f_score
 from jradar.radar import DETECTORS, Radar, cell_points, detect
+from jradar.range_image import ImageSpec
 from jradar.types import PointCloud
 
 RATES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # false-alarm rates to choose from
@@ -52,31 +53,33 @@ def _with_splat(methods: dict[str, Method], view: RecordsInView) -> dict[str, Me
     if not methods:
         return {}
     last = [*methods.values()][-1]
-    return methods | {"splat": lambda key, frame: smeared(key, last(key, frame), view)}
+    return methods | {
+        "splat": lambda key, frame: smeared(key, last(key, frame), view.fine)
+    }
 
 
-def smeared(key: jax.Array, cloud: PointCloud, view: RecordsInView) -> PointCloud:
+def smeared(key: jax.Array, cloud: PointCloud, image: ImageSpec) -> PointCloud:
     """Return a cloud's points smeared by SMEAR_M, one for each pixel of the image.
 
     A model draws about as many. Points outside the field of view are not valid.
     """
-    xyz, (rows, columns) = points_of(cloud), view.fine.shape
+    xyz, (rows, columns) = points_of(cloud), image.shape
     if not len(xyz):
         return cloud
     random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     index = random.integers(len(xyz), size=rows * columns)
     moved: Any = random.normal(xyz[index], SMEAR_M)
-    seen: Any = in_view(moved, view)
+    seen: Any = in_view(moved, image)
     return PointCloud(moved, seen)
 
 
-def in_view(xyz: np.ndarray, view: RecordsInView) -> np.ndarray:
+def in_view(xyz: np.ndarray, image: ImageSpec) -> np.ndarray:
     """Return which points lie in the field of view."""
     return shared_field_of_view(
         xyz,
-        azimuth=view.fine.azimuth,
-        elevation=view.fine.elevation,
-        max_range_m=view.fine.max_range_m,
+        azimuth=image.azimuth,
+        elevation=image.elevation,
+        max_range_m=image.max_range_m,
     )
 
 
@@ -103,7 +106,7 @@ def seen_points(
 
 
 def _in_view(cloud: PointCloud, view: RecordsInView) -> PointCloud:
-    seen = in_view(np.asarray(cloud.xyz), view)
+    seen = in_view(np.asarray(cloud.xyz), view.fine)
     return cloud._replace(valid=np.asarray(cloud.valid) & seen)
 
 

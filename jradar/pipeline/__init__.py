@@ -18,6 +18,7 @@ from jradar.pipeline.frames import (
     chosen_frames as chosen_frames,
     enhance_recording as enhance_recording,
 )
+from jradar.pipeline.history import frame_times as frame_times
 from jradar.pipeline.pipeline import (
     Frame as Frame,
     Pipeline as Pipeline,

@@ -98,16 +98,16 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
 def test_splat_smears_the_points_by_20_cm_to_one_for_each_pixel(records):
     view = evaluation.records_in_view(data.Records(records, "train"))
     middle = PointCloud.from_xyz(np.array([[5.0, 0, 0]]))
-    cloud = smeared(jax.random.key(1), middle, view)
+    cloud = smeared(jax.random.key(1), middle, view.fine)
     assert cloud.valid.shape == (128 * 512,) and cloud.valid.all()
     np.testing.assert_allclose(cloud.xyz.mean(0), [5, 0, 0], atol=0.01)
     np.testing.assert_allclose(np.cov(cloud.xyz.T), 0.04 * np.eye(3), atol=0.002)
     edge = PointCloud.from_xyz(np.array([[view.fine.max_range_m, 0, 0]]))
-    assert smeared(jax.random.key(1), edge, view).valid.mean() == pytest.approx(
+    assert smeared(jax.random.key(1), edge, view.fine).valid.mean() == pytest.approx(
         0.5, abs=0.02
     )
     nothing = PointCloud.from_xyz(np.zeros((4, 3)))
-    assert not smeared(jax.random.key(1), nothing, view).valid.any()
+    assert not smeared(jax.random.key(1), nothing, view.fine).valid.any()
 
 
 def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():
