@@ -65,11 +65,16 @@ class Frame(NamedTuple):
         valid = np.asarray(self.cloud.valid)[: math.prod(shape)]
         return valid.reshape(shape)
 
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """How far to trust the cloud, in sentences: in pictures and files."""
+        sure = self.confidence
+        share = () if sure is None else (f"{sure:.0%} of its points may be right",)
+        return (*share, *(text.partition(": ")[0] for text in self.warnings))
+
     def describe(self) -> dict[str, int | float]:
         """Return the numbers of points, and how far to trust them."""
         row: dict[str, int | float] = {"frame": self.number}
-        if self.detected is not None:
-            row["detections"] = int(np.asarray(self.detected).sum())
         row["radar points"] = int(np.asarray(self.points.valid).sum())
         row["enhanced points"] = int(np.asarray(self.cloud.valid).sum())
         if self.confidence is not None:

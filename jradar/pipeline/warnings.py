@@ -122,7 +122,8 @@ class Tally:
             yield (
                 f"do not trust {self._which('unsure')}: the model expects more "
                 f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
-                "--min-confidence 0.5 keeps few of them, most of which are right"
+                "--min-confidence 0.5 leaves out those that are more often wrong than "
+                "right"
                 + ("" if radar is None or radar.calibrated else f". {UNCALIBRATED}")
             )
 
