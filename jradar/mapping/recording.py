@@ -62,13 +62,14 @@ class RecordingMap(NamedTuple):
             "voxel (m)": self.grid.voxel_m,
             "radar voxels": len(self.radar.voxels),
             "voxels": len(self.enhanced.voxels),
-            "mean confidence (%)": round(
-                100
-                * float(self.enhanced.probability.sum())
-                / max(len(self.enhanced.voxels), 1),
-                1,
-            ),
+            "mean confidence (%)": round(100 * self.confidence, 1),
         }
+
+    @property
+    def confidence(self) -> float:
+        """The share of the completed map's voxels that are expected to be right."""
+        found = self.enhanced.probability
+        return float(found.sum()) / max(len(found), 1)
 
 
 def map_recording(
@@ -221,7 +222,9 @@ def _figure(found):
     metres = found.grid.metres
     maps = {"radar": found.radar.voxels, "jradar": found.enhanced.voxels}
     return maps_figure(
-        {k: metres(voxels) for k, voxels in maps.items()}, path=found.path
+        {k: metres(voxels) for k, voxels in maps.items()},
+        path=found.path,
+        title=f"{found.confidence:.0%} of jradar's voxels may be right",
     )
 
 
