@@ -215,7 +215,7 @@ def _add_bar(axes: Axes, picture, label: str):
     axes.figure.colorbar(picture, cax=place, orientation="horizontal", label=label)
 
 
-def surest_last(cloud: PointCloud) -> Float[np.ndarray, "point 3"]:
+def surest_last(cloud: PointCloud) -> Float[np.ndarray, "shown column"]:
     """Return the valid points, the surest last; a fourth column is the confidence."""
     valid = np.asarray(cloud.valid)
     xyz = np.asarray(cloud.xyz)[valid]

@@ -179,7 +179,7 @@ class McapFile:
             if isinstance(record, self._records.Message):
                 yield record
 
-    def _unpacked(self, record: BinaryIO) -> bytes:
+    def _unpacked(self, record: io.BufferedIOBase) -> bytes:
         record.seek(HEAD.size)
         chunk = self._records.Chunk.read(self._reader.ReadDataStream(record))
         size, check = chunk.uncompressed_size, chunk.uncompressed_crc
