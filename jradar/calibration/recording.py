@@ -25,7 +25,7 @@ from jradar.recordings.sample_checks import sample_doubts
 MOST_FRAMES = 200
 POINTS = PointSpec(capacity=512)  # that show the motion
 LARGEST_UNCERTAINTY_DEG = 2.5  # of the tilt
-UNSURE_DEG = 1.5  # deviation of a tilt that must stand out
+LARGE_DEG = 3.0  # a tilt that must be more than two deviations
 
 RESIDUALS = {
     "phase of the best quarter of the echoes (deg)": "phase_deg",
@@ -135,9 +135,9 @@ def calibrate_recording(
 
 
 def _check_tilt(tilt: Tilt) -> None:
-    """Raise ValueError for a tilt that is too uncertain to rotate all elevations."""
+    """Raise ValueError for a large tilt that may as well be none."""
     deviation = tilt.deviation_deg
-    if deviation > UNSURE_DEG and abs(tilt.degrees) < 2 * deviation:
+    if LARGE_DEG < abs(tilt.degrees) < 2 * deviation:
         raise ValueError(
             f"the tilt is {tilt.degrees:.1f} degrees with a deviation of "
             f"{deviation:.1f}, expected one of more than two deviations: walk "
