@@ -51,13 +51,14 @@ COMMANDS = [*dict.fromkeys(command for _, command in commands())]
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
-    """A folder in which sim/hall_0, also known as sim/lab_0, is a recording."""
+    """A folder in which sim/hall_0, also known as lab_0 and corridor_0, is one."""
     pytest.importorskip("embreex")
     folder = tmp_path_factory.mktemp("readme")
     arguments = ["simulate", "--scene", "hall", "--frames", "2"]
     simulate(options.parser().parse_args([*arguments, "-o", str(folder / "sim")]))
     (found,) = (folder / "sim").glob("hall_*")
-    (folder / "sim" / "lab_0").symlink_to(found)
+    for name in ("lab_0", "corridor_0"):
+        (folder / "sim" / name).symlink_to(found)
     return folder
 
 
