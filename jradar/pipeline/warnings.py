@@ -21,7 +21,7 @@ UNCALIBRATED = (
 )
 OF_POINTS = (
     "the model was trained on the dense points of a radar's samples, not on those that "
-    "a radar sends: `jradar score` compares it with these, where there is a LiDAR"
+    "a radar sends, which may be better alone or smeared: see `jradar score`"
 )
 FLAT_POINTS = (
     "the points of this radar all lie in one plane: heights in the result would be "
@@ -65,7 +65,7 @@ def of_model(model: Model, radar: RadarSpec | None) -> Iterator[str]:
     if grid.caution:
         yield grid.caution
     if radar is None:
-        yield OF_POINTS
+        yield from () if model.card.sent_points else (OF_POINTS,)
     else:
         yield from unsuited(grid.kind, model.card.radars, radar)
 
