@@ -158,7 +158,9 @@ def test_the_images_of_a_condition_are_those_of_training_or_the_nearest_in_time(
 
 @pytest.mark.parametrize("history", [4, 41])
 def test_a_condition_is_the_same_wherever_one_starts(history):
-    pipeline = Pipeline(recording(stamps=np.zeros(0)), tiny_polar_model(history=history))
+    pipeline = Pipeline(
+        recording(stamps=np.zeros(0)), tiny_polar_model(history=history)
+    )
     for period_s in (0.02, 0.05, 0.06, 0.08, 0.1, 0.12):
         stamps = period_s * np.arange(120)
         pipeline.recording = recording(read=pytest.fail, stamps=stamps)
