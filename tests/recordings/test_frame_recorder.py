@@ -225,11 +225,12 @@ def test_a_clock_that_jumps_back_keeps_the_order(apart, tmp_path):
     assert any("not rising" in note for note in found.notes)
 
 
-def test_a_full_disk_is_named_and_leaves_the_frames_before(apart, small_disk):
-    path, written = small_disk / "walk.mcap", 0
+@pytest.mark.parametrize("name", ["walk", "walk.mcap"])
+def test_a_full_disk_is_named_and_leaves_the_frames_before(apart, small_disk, name):
+    path, written = small_disk / name, 0
     source, (frame, *_) = radar(apart), frames()
-    with pytest.raises(OSError, match="walk.mcap cannot be written .*the disk full"):
-        with BagRecorder(path, source) as recorder:
+    with pytest.raises(OSError, match=f"{name} cannot be written .*is the disk full"):
+        with open_recorder(path, source) as recorder:
             for written in range(100_000):
                 recorder.write(frame[0], 1.7e9 + 0.1 * written)
     assert len(open_recording(path).cubes) == written > 5
