@@ -60,12 +60,13 @@ def odometry(
     """
     if rotation not in ROTATIONS:
         raise UsageError(f"{rotation=}, expected one of {', '.join(ROTATIONS)}")
-    outside = []
+    turns, outside = np.stack([np.eye(3)] * len(velocities.stamps)), []
     if rotation == "poses":
         if recording.poses is None:
             raise UsageError(f"{recording.path} has no poses: use another rotation")
         inside, outside = within_poses(recording.poses, velocities.stamps)
         velocities = Velocities(*(column[inside] for column in velocities))
+        turns = pose_attitude(recording.poses, velocities.stamps)
     stamps, notes = velocities.stamps, [*outside, *_notes(recording, velocities)]
     wrong = outliers(velocities)
     if wrong.any():
@@ -79,11 +80,8 @@ def odometry(
     if mount is None:
         mount = np.eye(4)
         notes.append("the radar's place on the base is unknown: they are taken as one")
-    turns = np.stack([np.eye(3)] * len(stamps))
     if rotation == "imu":
         turns = _from_imu(recording, velocities, mount, notes)
-    elif rotation == "poses":
-        turns = pose_attitude(recording.poses, stamps)
     elif rotation == "lidar":
         poses = scan_poses(recording)
         # The LiDAR's first and last scan may lie within the radar's frames.

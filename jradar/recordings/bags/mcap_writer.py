@@ -68,11 +68,10 @@ class McapWriter:
     def add(self, topic: str, schema: Schema) -> None:
         """Add a topic."""
         kind, written = self._records, self._builder()
-        described = {"name": schema.name, "encoding": schema.encoding}
-        described["data"] = schema.definition
-        number = self._writer.register_schema(**described)
-        kind.Schema(id=number, **described).write(written)
-        described = {"topic": topic, "message_encoding": schema.messages}
+        name, encoding, text = schema.name, schema.encoding, schema.definition
+        number = self._writer.register_schema(name, encoding, text)
+        kind.Schema(number, text, encoding, name).write(written)
+        described: Any = {"topic": topic, "message_encoding": schema.messages}
         described |= {"schema_id": number, "metadata": schema.metadata}
         self.topics[topic] = self._writer.register_channel(**described)
         kind.Channel(id=self.topics[topic], **described).write(written)
