@@ -207,9 +207,10 @@ def _azimuth_program(radar: RadarSpec) -> Callable[..., Any]:
 
     kind = jnp.float32 if radar.real_samples else jnp.complex64
     samples = jax.ShapeDtypeStruct(radar.cube_shape, kind)
-    program = programs.ready(samples, "azimuths", radar, trace=trace)["azimuths"]
+    stages = ["azimuths"]
+    found = programs.ready(samples, "azimuths", radar, stages=stages, trace=trace)
     _viz()
-    return program
+    return found["azimuths"]
 
 
 def _viz() -> Any:

@@ -231,12 +231,16 @@ class Pipeline:
         return frame._replace(warnings=tuple(alone.warnings(self.recording.radar)))
 
     def before(self, frames: range) -> range:
-        """Return the frames that must be answered before these, for their history."""
+        """Return the frames that must be answered before these, for their history.
+
+        Of several images, the oldest may be that of the last frame before their span.
+        """
         first = max(0, frames.start - self.fuse + 1)
         span_s = self.history_s if self._images is None else self._images.span_s
         times = frame_times(self.recording)
         if span_s and times is not None:
-            first = int(np.searchsorted(times, times[frames.start] - span_s))
+            first = int(np.searchsorted(times, times[frames.start] - span_s)) - 1
+            first = max(0, first)
         return range(first, frames.start)
 
     @property
