@@ -70,7 +70,7 @@ class McapWriter:
         kind, written = self._records, self._builder()
         name, encoding, text = schema.name, schema.encoding, schema.definition
         number = self._writer.register_schema(name, encoding, text)
-        kind.Schema(number, text, encoding, name).write(written)
+        kind.Schema(id=number, data=text, encoding=encoding, name=name).write(written)
         described: Any = {"topic": topic, "message_encoding": schema.messages}
         described |= {"schema_id": number, "metadata": schema.metadata}
         self.topics[topic] = self._writer.register_channel(**described)
