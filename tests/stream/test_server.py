@@ -23,6 +23,7 @@ VIEW = frame_of(1)
 TOPICS = {
     "/radar/points": "foxglove.PointCloud",
     "/enhanced/points": "foxglove.PointCloud",
+    "/enhanced/verdict": "foxglove.Log",
     "/lidar/points": "foxglove.PointCloud",
     "/radar/range_azimuth": "foxglove.RawImage",
     "/tf": "foxglove.FrameTransforms",
