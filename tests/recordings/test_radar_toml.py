@@ -88,6 +88,8 @@ def test_the_signs_of_receivers_unless_measured(tmp_path, device, tables, factor
         ("[calibration]\nrange_bias_m = 66", "within the radar's"),
         ("[calibration]\nphases = []", "unknown key of .calibration. 'phases'"),
         ("[file]\niq_order = 'QI'", "iq_order = 'QI', expected one of"),
+        ("[file]\nlanes = 3", "lanes = 3, expected 1, 2 or 4 LVDS lanes"),
+        ("[file]\nlanes = true", "lanes = True, expected 1, 2 or 4 LVDS lanes"),
         ("[file]\naxis = []", "unknown key of .file. 'axis', expected axes"),
     ],
 )
