@@ -58,8 +58,10 @@ LARGEST = 2**32  # of an argument
 DEFAULT_BOARD = "awr1843"
 LVDS, SAMPLES_ONLY = 1, 1  # the low bytes of DataPathConfig's arguments
 REAL, COMPLEX, COMPLEX_2X = 0, 1, 2
+# What does not end, ends with the line, or the file: then a damaged file is read once.
 QUOTED = re.compile(
-    r"""--\[\[.*?\]\]|--[^\n]*|\[\[.*?\]\]|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'""",
+    r"--\[\[.*?(?:\]\]|\Z)|--[^\n]*|\[\[.*?(?:\]\]|\Z)"
+    r"|\"(?:\\.|[^\"\\\n])*(?:\"|(?=\n)|\Z)|'(?:\\.|[^'\\\n])*(?:'|(?=\n)|\Z)",
     re.DOTALL,
 )
 NAME = r"[A-Za-z_][\w.]*"
