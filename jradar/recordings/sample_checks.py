@@ -5,6 +5,7 @@
     other byte order  big-endian samples read as little-endian
     offset binary     unsigned samples, 0 at the most negative voltage
     other antennas    chirps that repeat with another number of transmitters
+    half chirps       the halves of a chirp, each taken for a whole one
 
 `check_samples` takes a frame as it was recorded, before any calibration.
 """
@@ -167,13 +168,26 @@ def _antenna_doubts(cube):
     if len(strong) < 12 or not strong.size:
         return
     taken = agreement(count)
-    found = {n: agreement(n) for n in (2, 3) if n != count}
-    best = max(found, key=lambda n: found[n])
-    if found[best] > AGREE and found[best] - taken > APART:
+    numbers = {2, 3, 2 * count} - {count}
+    for number in sorted(n for n in numbers if 4 * n <= len(strong)):
+        if (found := agreement(number)) > AGREE and found - taken > APART:
+            break
+    else:
+        return
+    if number in (2, 3):
         yield (
-            f"the chirps repeat after {best}, not after {count} as described: targets "
-            f"appear as {best} ghosts; describe the radar with {best} transmit antennas"
+            f"the chirps repeat after {number}, not after {count} as described: "
+            f"targets appear as {number} ghosts; describe the radar with {number} "
+            "transmit antennas"
         )
+        return
+    size = cube.shape[-1]
+    yield (
+        f"the chirps repeat after {number}, not after {count} as described, as halves "
+        "of chirps do: one echo then has several velocities, and wrong ranges; describe "
+        f"the radar with {2 * size} samples per chirp instead of {size}, or with twice "
+        "as many receivers"
+    )
 
 
 def _floor(words):
