@@ -184,7 +184,7 @@ def _antenna_doubts(cube):
     size = cube.shape[-1]
     yield (
         f"the chirps repeat after {number}, not after {count} as described, as halves "
-        "of chirps do: one echo then has several velocities, and wrong ranges; describe "
+        "of chirps do: an echo then has several velocities, and wrong ranges; describe "
         f"the radar with {2 * size} samples per chirp instead of {size}, or with twice "
         "as many receivers"
     )
