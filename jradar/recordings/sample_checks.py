@@ -42,7 +42,9 @@ CHIRPS = 256  # whose spectra are compared
 # Echoes of chirps from the same antenna agree, but for the phase of motion that all
 # share in a range bin; those from different antennas differ in phase by direction.
 STRONG_BINS = 8
-AGREE, APART = 0.9, 0.3  # of correlations
+# One strong echo ahead may differ little: in a real capture by 0.26 of a correlation of
+# 1, where the same antennas differ by 0.00001.
+AGREE, APART, TIMES = 0.9, 0.1, 5
 READINGS = {
     "in the other byte order": (
         lambda words: words.byteswap(),
@@ -170,7 +172,8 @@ def _antenna_doubts(cube):
     taken = agreement(count)
     numbers = {2, 3, 2 * count} - {count}
     for number in sorted(n for n in numbers if 4 * n <= len(strong)):
-        if (found := agreement(number)) > AGREE and found - taken > APART:
+        found = agreement(number)
+        if found > AGREE and 1 - taken > max(APART, TIMES * (1 - found)):
             break
     else:
         return

@@ -159,6 +159,13 @@ def test_halves_of_chirps_are_no_chirps(samples):
         assert "with 256 samples per chirp instead of 128" in doubt
 
 
+def test_a_real_echo_ahead_of_two_antennas_instead_of_three(samples):
+    words = np.fromfile(samples / "awr1843_3tx" / "adc_data_Raw_0.bin", "<i2")
+    words = words.reshape(96, 2, 4, 128, 2, 2).transpose(4, 1, 2, 0, 3, 5)
+    (doubt,) = check_samples(of_words(words.reshape(2, 2, 4, 96, 256))).doubts
+    assert "repeat after 3, not after 2" in doubt
+
+
 @pytest.mark.parametrize("sent", [2, 3])
 def test_halves_of_simulated_chirps(sent):
     full = RadarSpec.awr1843(num_chirps=48, num_samples=128)
