@@ -6,8 +6,8 @@ SCRIPT = """\
 START_FREQ = 77 -- GHz
 local SLOPE = {slope};
 NUM_SAMPLES = {samples}
---[[ an older one:
-ar1.ProfileConfig(0, 60, 7, 5, 57, 0, 0, 0, 0, 0, 0, 1, 0, 64, 1e4, 0, 0, 30) ]]
+--[==[ an older one: ]]
+ar1.ProfileConfig(0, 60, 7, 5, 57, 0, 0, 0, 0, 0, 0, 1, 0, 64, 1e4, 0, 0, 30) ]==]
 ar1.SelectChipVersion("AR1243")
 ar1.SelectChipVersion("{chip}")
 if (ar1.ChanNAdcConfig(1, 1, 1, 1, 1, 1, 1, 2, 1, 0) == 0) then

@@ -13,11 +13,13 @@ first half of the range axis, where most of them are.
 
 import dataclasses
 import functools
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Complex, Inexact
 
 from jradar.options.sensor import RadarSpec
+from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.iq_order import TWO_LANES
 
 TAKEN = 2  # lanes, by the card
@@ -41,6 +43,10 @@ ADVICE = (
     f"lanes, {TWO}. To use these samples, set lanes = 4 in [file] of a .toml, with "
     "num_samples as configured"
 )
+WARNING = (
+    "four LVDS lanes are enabled, and a card takes two from this board: half of the "
+    f"samples may be lost, enable two with {TWO}"
+)
 NONE_MISSING = (
     "the description enables four LVDS lanes, but no samples are missing: they are "
     "read as they are"
@@ -51,6 +57,12 @@ def may_be_halved(radar: RadarSpec, lanes: int, order: str) -> bool:
     """Return whether a radar that sent on so many lanes may have lost samples."""
     whole = radar.num_samples % 4 == 0
     return lanes > TAKEN and order in TWO_LANES and whole
+
+
+def warnings(radar: RadarSpec, capture: CaptureSpec) -> Iterator[str]:
+    """Yield what a capture would lose, before it is recorded."""
+    if may_be_halved(radar, capture.lanes, capture.iq_order):
+        yield WARNING
 
 
 def halved(radar: RadarSpec) -> RadarSpec:
@@ -125,32 +137,31 @@ def samples_missing(cube: Inexact[np.ndarray, "tx rx chirp sample"]) -> bool | N
         np.fft.fft(chirps[..., first::2] * np.hanning(size), axis=-1)
         for first in range(2)
     )
-    powers = (np.abs(even) ** 2).sum(1), (np.abs(odd) ** 2).sum(1)
+    power = np.sqrt((np.abs(even) ** 2).sum(1) * (np.abs(odd) ** 2).sum(1))
     both = (odd * even.conj()).sum(1)
-    power = np.sqrt(powers[0] * powers[1])
+    phase, (peak, place) = np.angle(both), _peaks(power)
     agree = np.abs(both) > COHERENCE * power
-    left, right = np.roll(power, 1, -1), np.roll(power, -1, -1)
-    peak = (power > left) & (power >= right)
     clear = power > CLEAR * np.median(power, -1, keepdims=True)
-    phase, bins = np.angle(both), np.arange(size)
-    # Of a peak between two bins, by the logarithms of its neighbours.
-    logs = [np.log(np.maximum(part, 1e-30)) for part in (left, power, right)]
-    curve = logs[0] - 2 * logs[1] + logs[2]
-    between = 0.5 * (logs[0] - logs[2]) / np.where(curve, curve, 1)
-    step = 2 * np.pi * (bins + np.clip(between, -0.5, 0.5)) / size
     decides = np.abs(np.angle(np.exp(2j * phase))) > APART_RAD
-    used = peak & clear & agree & decides
-    if not used.any():
+    if not (used := peak & clear & agree & decides).any():
         return None
+    step = 2 * np.pi * place / size
     whole, half = (
-        np.sqrt(
-            np.average(
-                np.angle(np.exp(1j * (step - times * phase)))[used] ** 2,
-                weights=power[used],
-            )
-        )
-        for times in (2, 4)
+        np.angle(np.exp(1j * (step - times * phase)))[used] for times in (2, 4)
     )
-    if half < NEAR_RAD < APART_RAD / 2 + whole / 2 and half < whole / 2:
+    whole, half = (
+        np.sqrt(np.average(error**2, weights=power[used])) for error in (whole, half)
+    )
+    if half < min(NEAR_RAD, whole / 2):
         return True
     return False if whole < NEAR_RAD else None
+
+
+def _peaks(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return which bins are peaks, and the places of these between the bins."""
+    left, right = np.roll(power, 1, -1), np.roll(power, -1, -1)
+    low, middle, high = (np.log(np.maximum(p, 1e-30)) for p in (left, power, right))
+    curve = low - 2 * middle + high
+    offset = 0.5 * (low - high) / np.where(curve, curve, 1)
+    place = np.arange(power.shape[-1]) + np.clip(offset, -0.5, 0.5)
+    return (power > left) & (power >= right), place

@@ -60,7 +60,7 @@ LVDS, SAMPLES_ONLY = 1, 1  # the low bytes of DataPathConfig's arguments
 REAL, COMPLEX, COMPLEX_2X = 0, 1, 2
 # What does not end, ends with the line, or the file: then a damaged file is read once.
 QUOTED = re.compile(
-    r"--\[\[.*?(?:\]\]|\Z)|--[^\n]*|\[\[.*?(?:\]\]|\Z)"
+    r"--\[(=*)\[.*?(?:\]\1\]|\Z)|--[^\n]*|\[\[.*?(?:\]\]|\Z)"
     r"|\"(?:\\.|[^\"\\\n])*(?:\"|(?=\n)|\Z)|'(?:\\.|[^'\\\n])*(?:'|(?=\n)|\Z)",
     re.DOTALL,
 )
