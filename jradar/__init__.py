@@ -26,6 +26,7 @@ A room is loaded when it is first named.
 
 import importlib
 import pkgutil
+import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from jradar.types import PointCloud as PointCloud
 
 __version__ = "0.2.0"
+IMPORTED_S = time.time()  # files that change later are not those that were imported
 
 NAMES = {  # of the front door, and where each is defined
     "PointCloud": "jradar.types",

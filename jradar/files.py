@@ -34,15 +34,19 @@ def lock_folder(folder: Path | str) -> Iterator[None]:
     """Lock a folder, created if missing.
 
     Raises FolderLocked, with the other process's number, if another process has locked
-    it, and UsageError for a `.lock` that holds anything but a process's number.
+    it, and UsageError for a `.lock` that is a link, or that holds anything but a
+    process's number.
     """
     path = Path(folder) / ".lock"
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a+", encoding="utf-8", errors="replace") as lock:
+    foreign = UsageError(f"{path} is not a lock of jradar: choose another folder")
+    if path.is_symlink():
+        raise foreign
+    with open(path, "a+", errors="replace", opener=_not_followed) as lock:
         lock.seek(0)
         holder = lock.read(20).strip()
         if holder and not holder.isdecimal():
-            raise UsageError(f"{path} is not a lock of jradar: choose another folder")
+            raise foreign
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -56,6 +60,11 @@ def lock_folder(folder: Path | str) -> Iterator[None]:
         lock.write(f"{os.getpid()}\n")
         lock.flush()
         yield
+
+
+def _not_followed(path: str, flags: int) -> int:
+    """Open a file unless it is a link, even one that has just been made."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 @contextlib.contextmanager
@@ -265,10 +274,13 @@ def use_compilation_cache() -> None:
     """Let JAX keep compiled programs in ~/.cache/jradar, also in child processes.
 
     Call it before JAX is imported. XDG_CACHE_HOME moves the folder, JAX's own variables
-    take precedence, and JRADAR_CACHE=off disables it.
+    take precedence, and JRADAR_CACHE=off disables it. A user without a home has none.
     """
     if os.environ.get("JRADAR_CACHE") == "off":
         return
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    try:
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:  # no HOME, and no entry of the user
+        return
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(root / "jradar"))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")

@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import itertools
 import os
+import pwd
 import shutil
 import sys
 from pathlib import Path
@@ -31,6 +32,19 @@ def test_a_folder_has_one_owner_who_is_named(tmp_path):
                 pass
     with lock_folder(tmp_path / "new"):
         pass
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_lock_that_is_a_link_is_not_followed(tmp_path, exists):
+    target = tmp_path / "target"
+    if exists:
+        target.write_text("")
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / ".lock").symlink_to(target)
+    with pytest.raises(UsageError, match="lock is not a lock of jradar"):
+        with lock_folder(tmp_path / "new"):
+            pass
+    assert not target.read_text() if exists else not target.exists()
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path):
@@ -216,3 +230,14 @@ def test_compilation_cache_is_where_the_environment_says(tmp_path, monkeypatch):
     monkeypatch.setenv(name, "mine")
     use_compilation_cache()
     assert os.environ[name] == "mine"
+
+
+def test_a_user_without_a_home_has_no_compilation_cache(monkeypatch):
+    def no_entry(_):
+        raise KeyError("getpwuid(): uid not found: 12345")
+
+    for name in ("HOME", "XDG_CACHE_HOME", "JRADAR_CACHE", "JAX_COMPILATION_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", no_entry)
+    use_compilation_cache()
+    assert "JAX_COMPILATION_CACHE_DIR" not in os.environ

@@ -51,13 +51,14 @@ COMMANDS = [*dict.fromkeys(command for _, command in commands())]
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
-    """A folder in which sim/hall_0, also known as sim/lab_0, is a recording."""
+    """A folder in which sim/hall_0, also known as lab_0 and corridor_0, is one."""
     pytest.importorskip("embreex")
     folder = tmp_path_factory.mktemp("readme")
     arguments = ["simulate", "--scene", "hall", "--frames", "2"]
     simulate(options.parser().parse_args([*arguments, "-o", str(folder / "sim")]))
     (found,) = (folder / "sim").glob("hall_*")
-    (folder / "sim" / "lab_0").symlink_to(found)
+    for name in ("lab_0", "corridor_0"):
+        (folder / "sim" / name).symlink_to(found)
     return folder
 
 
@@ -211,6 +212,7 @@ STANDS_FOR = {  # of the user's own
     "RECORDING": "sim/hall_0",
     "RECORDINGS": "sim",
     "PATH": "sim/hall_0",
+    "walk.bag": "walk.ros2",
     "adc_data.bin": "capture/hall_0/adc_data.bin",
     "profile.cfg": "capture/hall_0/awr1843.cfg",
     "coloradar/12_21_2020_ec_hallways_run0": "sim/hall_0",
@@ -236,6 +238,9 @@ NOT_RUN = {  # and why
     "-m experiments.places": "hours; needs ColoRadar's maps",
     "--config.data.path=runs/sim5": "needs that set",
     "-m experiments.studies.map_views": "half an hour; needs ColoRadar's maps",
+    "-m experiments.studies.real_points": "needs a walk of points with poses",
+    "-o records_astyx": "needs Astyx's frames",
+    "-o scores_astyx": "needs those records",
     "--config.data.path=runs/views": "needs those views",
     "--split test --model jradar-sim": "needs that set",
     "--model runs/half": "needs that run",
@@ -269,6 +274,7 @@ def test_commands_run_one_after_another(tmp_path):
     simulated("--scene", "hall", "--frames", "3", "-o", "sim")
     simulated(*"--scene hall --frames 3 --format capture -o capture".split())
     simulated("--set", "jradar-sim-1-mini", "--frames", "2", "-o", "coloradar")
+    run("python -m jradar.cli enhance sim/hall_0 -o walk.ros2".split())
     shown = [each for each in commands() if each[0] != RIG]
     shown.sort(key=lambda each: not each[0].startswith("exp"))
     number = 0

@@ -25,6 +25,7 @@ from jradar.recordings.sample_checks import sample_doubts
 MOST_FRAMES = 200
 POINTS = PointSpec(capacity=512)  # that show the motion
 LARGEST_UNCERTAINTY_DEG = 2.5  # of the tilt
+LARGE_DEG = 3.0  # a tilt that must be more than two deviations
 
 RESIDUALS = {
     "phase of the best quarter of the echoes (deg)": "phase_deg",
@@ -109,6 +110,7 @@ def calibrate_recording(
         detect = functools.partial(radar_points, points=POINTS.fitted(radar.spec))
         clouds = _of_each(recording, chosen, "measuring the motion", detect, calibrated)
         tilt = level_tilt(clouds, radar.spec, up=_up(recording))
+        _check_tilt(tilt)
         calibrated = calibrated.with_factors(untilted(tilt.sine, radar.spec))
     if fit.range_bias_m is not None:
         calibrated = dataclasses.replace(calibrated, range_bias_m=fit.range_bias_m)
@@ -130,6 +132,17 @@ def calibrate_recording(
             *([PITCH_AND_ROLL] if mount else ()),
         ),
     )
+
+
+def _check_tilt(tilt: Tilt) -> None:
+    """Raise ValueError for a large tilt that may as well be none."""
+    deviation = tilt.deviation_deg
+    if LARGE_DEG < abs(tilt.degrees) < 2 * deviation:
+        raise ValueError(
+            f"the tilt is {tilt.degrees:.1f} degrees with a deviation of "
+            f"{deviation:.1f}, expected one of more than two deviations: walk "
+            "straight ahead for longer, or leave out --level"
+        )
 
 
 def _mount(recording: Recording, frames: slice) -> Mount:

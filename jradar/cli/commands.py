@@ -45,8 +45,6 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
 
 def calibrate(options: argparse.Namespace) -> dict[str, Any]:
     """Estimate the factors of the radar's channels from echoes; write a description."""
-    if Path(options.output).suffix != ".toml":
-        raise UsageError(f"{options.output}: expected the name of a .toml file")
     if (picture := options.picture) and (not options.mount or Path(picture).exists()):
         raise UsageError(
             f"--picture {picture}: expected --mount, and the name of a new file"

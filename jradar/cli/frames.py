@@ -111,8 +111,13 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     motion = {"motion by": found.motion}
     if options.fuse > 1:
         motion = {"frames fused": options.fuse, **motion}
+    count, notes = len(recording.frames), found.warnings
+    if not options.frames and count > 1:
+        notes += (
+            f"frame {rows[0]['frame']} of {count} is enhanced: --frames : for all",
+        )
     return {
-        **summary(found.recording, found.warnings),
+        **summary(found.recording, notes),
         "model": {
             "name": str(options.model),
             "purpose": model.card.purpose,

@@ -97,20 +97,22 @@ def output(
     text: str = "output folder, created if missing",
     *,
     file_begins: str | None = None,
+    suffixes: tuple[str, ...] = (),
     may_stream: bool = False,
     required: bool = True,
     force: bool = True,
 ) -> None:
     """Add the output: a folder or, with `file_begins`, a file.
 
-    The file begins so if the command wrote it. If the output `may_stream`, it can also
-    be one file or bag of all frames. `force` adds the option to replace anything.
+    The file begins so if the command wrote it, and has one of the `suffixes`. If the
+    output `may_stream`, it can also be one file or bag of all frames. `force` adds the
+    option to replace anything.
     """
     folder = file_begins is None
     metavar = "OUT" if may_stream else "DIR" if folder else "FILE"
     sub.add_argument("-o", "--output", metavar=metavar, required=required, help=text)
     sub.set_defaults(output_is_folder=folder, output_may_stream=may_stream)
-    sub.set_defaults(output_begins=file_begins)
+    sub.set_defaults(output_begins=file_begins, output_suffixes=suffixes)
     if force:
         text = "also replace files that another program or command wrote"
         flag(sub, "--force", text)

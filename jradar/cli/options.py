@@ -256,7 +256,8 @@ def _calibrate(sub):
         sub, "frames to use: A to B-1 (default: 200 of them, evenly spaced)"
     )
     text = "description to write, a .toml"
-    groups.output(sub, text, file_begins="# written by jradar calibrate")
+    begins = "# written by jradar calibrate"
+    groups.output(sub, text, file_begins=begins, suffixes=(".toml",))
     text = (
         "a corner reflector that stands still at M metres, by default straight ahead, "
         "or AZ degrees to the left and EL up; it fixes rotation, tilt and range bias"
@@ -278,7 +279,8 @@ def _odometry(sub):
     groups.recording(sub)
     groups.all_frames(sub, "frames A to B-1 (default: all)")
     text = "trajectory to write, such as trajectory.tum"
-    groups.output(sub, text, file_begins="# jradar odometry")
+    suffixes = (".tum", ".txt")
+    groups.output(sub, text, file_begins="# jradar odometry", suffixes=suffixes)
     text = (
         "source of the rig's rotation: the recording's IMU, its poses, LiDAR scans, "
         "or no rotation (default: imu if there is one, else none)"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jradar.errors import ModelError, UsageError
 from jradar.files import open_file
-from jradar.options.outputs import STREAMS
+from jradar.options.outputs import OF_FILES, STREAMS
 from jradar.outputs.guard import GuardedFolder, check_replaceable
 
 INPUTS = (  # options that name a file or folder
@@ -53,6 +53,19 @@ def _check_input(path: str) -> None:
         open_file(path).close()
 
 
+def _check_suffix(path: Path, options: argparse.Namespace, folder: bool) -> None:
+    """Raise UsageError for a name that promises something else than will be there."""
+    known = options.output_suffixes
+    if folder and path.suffix in OF_FILES and not path.is_dir():
+        streams = f", or of a file of all frames: {', '.join(STREAMS)}"
+        raise UsageError(
+            f"{path} is the name of a file, expected that of a folder"
+            f"{streams if options.output_may_stream else ''}"
+        )
+    if known and path.suffix not in known:
+        raise UsageError(f"{path}: expected a name that ends with {' or '.join(known)}")
+
+
 def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
     path, force = Path(options.output), getattr(options, "force", False)
     streamed = options.output_may_stream and is_streamed(options.output)
@@ -71,6 +84,7 @@ def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
                 f"{path} is an input of this command, which not even --force "
                 "replaces: name another output"
             )
+    _check_suffix(path, options, folder)
     if folder:
         GuardedFolder(path, options.command.__name__.rstrip("_"), force=force)
     elif not streamed:

@@ -229,13 +229,8 @@ def _emulator(
 def open_writers(
     options: argparse.Namespace, stack: contextlib.ExitStack
 ) -> "list[Writer]":
-    """Open the outputs; the stack closes them."""
+    """Open the outputs; the stack closes them, files before the server."""
     writers: list[Writer] = []
-    if options.output:
-        from jradar.outputs.writers import open_writer
-
-        writers.append(open_writer(options.output, force=options.force))
-        stack.callback(writers[-1].close)
     if options.serve is not None:
         from jradar.stream.server import Server
 
@@ -248,6 +243,11 @@ def open_writers(
         stack.callback(server.close)
         writers.append(server)
         _tell(f"open Foxglove and connect to ws://{server.host}:{server.port}")
+    if options.output:
+        from jradar.outputs.writers import open_writer
+
+        writers.append(open_writer(options.output, force=options.force))
+        stack.callback(writers[-1].close)
     return writers
 
 

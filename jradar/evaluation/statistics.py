@@ -32,14 +32,14 @@ class Estimate(NamedTuple):
     low: float
     high: float
     frames: int  # finite values
-    effective: float  # independent frames that would give this interval
+    effective: float  # independent frames that would give it; too few for any: below 4
 
 
 class Comparison(NamedTuple):
     """First minus second, frame by frame."""
 
     difference: Estimate  # of the frames with a score from both
-    t_test: float  # p-value of no difference, from the interval's t statistic
+    t_test: float  # p-value of no difference, from the interval's t; NaN without one
 
 
 def mean_interval(sequences: Series, *, most: float | None = None) -> Estimate:
@@ -51,6 +51,7 @@ def mean_interval(sequences: Series, *, most: float | None = None) -> Estimate:
     """
     mean, variance, freedom, frames, effective = _analyse(_arrays(sequences))
     if not freedom >= LEAST_FREEDOM:  # which is NaN for fewer than two values
+        effective = float(np.fmin(effective, freedom + 1))
         return Estimate(float(mean), np.nan, np.nan, frames, effective)
     half = student.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(variance)
     ends = mean + half * np.array([-1, 1])
@@ -77,7 +78,8 @@ def compare_paired(first: Series, second: Series) -> Comparison:
     mean, variance, freedom, *_ = _analyse(differences)
     statistic = np.inf if variance == 0 else abs(mean) / np.sqrt(variance)
     t_test = 1.0 if mean == 0 else float(2 * student.sf(statistic, freedom))
-    return Comparison(mean_interval(differences), t_test)
+    known = freedom >= LEAST_FREEDOM
+    return Comparison(mean_interval(differences), t_test if known else np.nan)
 
 
 def compare_methods(

@@ -103,7 +103,7 @@ def enhance_map(radar: Voxels, model: Model, *, start_height: int = 0) -> Occupi
     weights = np.zeros(counts * STRIDE + 2 * border, np.float32)  # of each column
     voxels, parts = list[np.ndarray](), list[np.ndarray]()
     for row, column in np.ndindex(*counts):
-        x, y = low[0] + row * STRIDE - border, low[1] + column * STRIDE - border
+        x, y = (low[:2] + (row * STRIDE, column * STRIDE) - border).tolist()
         inside = (radar[:, :2] >= (x, y)).all(1) & (
             radar[:, :2] < (x + TILE, y + TILE)
         ).all(1)

@@ -22,6 +22,7 @@ from jradar.mapping.predict import (
 from jradar.mapping.voxel_map import SensorModel, VoxelMap
 from jradar.model import ColumnGrid, Model
 from jradar.motion import ego_velocity, frame_velocities, odometry
+from jradar.motion.attitude import within_poses
 from jradar.outputs.clouds import write_ply
 from jradar.pipeline import chosen_frames, detect_recording
 from jradar.radar import PointSpec
@@ -62,13 +63,14 @@ class RecordingMap(NamedTuple):
             "voxel (m)": self.grid.voxel_m,
             "radar voxels": len(self.radar.voxels),
             "voxels": len(self.enhanced.voxels),
-            "mean confidence (%)": round(
-                100
-                * float(self.enhanced.probability.sum())
-                / max(len(self.enhanced.voxels), 1),
-                1,
-            ),
+            "mean confidence (%)": round(100 * self.confidence, 1),
         }
+
+    @property
+    def confidence(self) -> float:
+        """The share of the completed map's voxels that are expected to be right."""
+        found = self.enhanced.probability
+        return float(found.sum()) / max(len(found), 1)
 
 
 def map_recording(
@@ -84,16 +86,20 @@ def map_recording(
 
     Points are the radar's own, or those that a detector with `points` finds. The
     recorded poses are used. Without them, poses follow from Doppler and `rotation`, by
-    default the IMU's where there is one. Points that move are left out. Raises
-    UsageError for poses that jump, and if no point is left.
+    default the IMU's where there is one. Points that move are left out, and so are
+    frames outside the poses. Raises UsageError for poses that jump, and if no point is
+    left.
     """
     chosen, found = chosen_frames(recording, frames), None
+    poses, notes = radar_poses(recording, chosen, rotation=rotation)
+    posed = np.flatnonzero(np.isfinite(poses).all((1, 2)))
+    span = slice(posed[0], posed[-1] + 1)
+    chosen, poses = chosen[span], poses[span]
     if recording.of_points:
         clouds = (recording.frames[frame].padded() for frame in chosen)
     else:
         found = detect_recording(recording, points=points, frames=chosen)
         clouds = (frame.points for frame in found)
-    poses, notes = radar_poses(recording, chosen, rotation=rotation)
     notes += [*_check_path(recording, chosen, poses[:, :3, 3])]
     elevation = recording.has_elevation
     if not elevation:
@@ -154,7 +160,7 @@ def radar_poses(
     """Return the radar's poses in the world, and notes on where they come from.
 
     The recorded poses are used. Without them, or with `rotation`, poses follow from
-    Doppler.
+    Doppler. Frames outside the recorded poses that it uses have NaN.
     """
     stamps, mount = recording.frames.stamps, recording.base_from_radar
     if recording.poses is not None and rotation is None and stamps is not None:
@@ -163,11 +169,14 @@ def radar_poses(
             mount = np.eye(4)
             notes.append("the radar's place on the base is unknown, and taken as 0")
         middle = np.asarray(stamps)[list(frames)] + recording.frame_middle_s
+        notes += within_poses(recording.poses, middle)[1]
         return interpolate_poses(recording.poses, middle) @ mount, notes
     velocities = frame_velocities(recording, frames=frames)
     rotation = rotation or ("none" if recording.imu is None else "imu")
     found = odometry(recording, velocities, rotation=rotation)
-    return found.world_from_radar, [f"poses from Doppler and {rotation}", *found.notes]
+    poses = np.full((len(frames), 4, 4), np.nan)
+    poses[np.isin(velocities.stamps, found.stamps)] = found.world_from_radar
+    return poses, [f"poses from Doppler and {rotation}", *found.notes]
 
 
 def _check_path(recording, frames, path):
@@ -221,7 +230,9 @@ def _figure(found):
     metres = found.grid.metres
     maps = {"radar": found.radar.voxels, "jradar": found.enhanced.voxels}
     return maps_figure(
-        {k: metres(voxels) for k, voxels in maps.items()}, path=found.path
+        {k: metres(voxels) for k, voxels in maps.items()},
+        path=found.path,
+        title=f"{found.confidence:.0%} of jradar's voxels may be right",
     )
 
 

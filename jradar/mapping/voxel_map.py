@@ -1,9 +1,9 @@
 """A map of voxels from clouds and poses; each has the log-odds of being occupied.
 
 A point is evidence for the voxel that holds it, and against the voxels on the way to
-it. The sums of log-odds are bounded, so that a map can change its mind (OctoMap,
-Hornung et al. 2013, whose probabilities are the defaults here). Resolution and range
-are those of RMap's radar maps of ColoRadar (Mopidevi et al. 2023).
+it. The log-odds are bounded after every frame, so that a map can change its mind
+(OctoMap, Hornung et al. 2013, whose probabilities are the defaults here). Resolution
+and range are those of RMap's radar maps of ColoRadar (Mopidevi et al. 2023).
 """
 
 import dataclasses
@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 SPAN = 1 << 20  # voxels of an axis that a key tells apart
-MERGED = 64  # frames that are summed at once
-LONGEST_M = 1e5  # of a position
+MERGED = 64  # frames whose voxels are sorted at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,11 +59,16 @@ class VoxelMap:
 
         A voxel counts once in a frame. If points are in it, it counts as occupied, with
         the largest of their probabilities, by default the sensor model's. Raises
-        ValueError for a pose that is not finite, or that is farther than 100 km.
+        ValueError for a pose that is not finite, or farther than the map counts voxels.
         """
         pose = np.asarray(world_from_sensor, float)
-        if not (np.isfinite(pose).all() and np.abs(pose[:3, 3]).max() < LONGEST_M):
-            raise ValueError(f"pose {pose.tolist()}, expected finite numbers of metres")
+        farthest_m = SPAN / 2 * self.sensor.voxel_m - self.sensor.max_range_m
+        if not (np.isfinite(pose).all() and np.abs(pose[:3, 3]).max() < farthest_m):
+            raise ValueError(
+                f"pose {pose.tolist()}, expected finite numbers of metres, and less "
+                f"than {farthest_m:,.0f} m along each axis with voxels of "
+                f"{self.sensor.voxel_m:g} m: begin the world nearer"
+            )
         xyz = np.asarray(xyz, float).reshape(-1, 3)
         share = (
             np.full(len(xyz), self.sensor.hit) if probability is None else probability
@@ -107,15 +111,16 @@ class VoxelMap:
         return origin + part[:, None] * away[index]
 
     def _merge(self):
-        """Sum what frames have added, within the bounds."""
-        if not self._new:
-            return
-        keys = np.concatenate([self._keys, *(keys for keys, _ in self._new)])
-        odds = np.concatenate([self._odds, *(odds for _, odds in self._new)])
-        self._keys, index = np.unique(keys, return_inverse=True)
+        """Add what frames have brought, one by one within the bounds."""
+        parts = [self._keys, *(keys for keys, _ in self._new)]
+        self._keys, index = np.unique(np.concatenate(parts), return_inverse=True)
+        before, *places = np.split(index, np.cumsum([len(part) for part in parts[:-1]]))
+        odds = np.zeros(len(self._keys))
+        odds[before] = self._odds
         low, high = _log_odds(np.array([self.sensor.least, self.sensor.most]))
-        self._odds = np.clip(np.bincount(index, odds), low, high)
-        self._new = []
+        for place, (_, change) in zip(places, self._new, strict=True):
+            odds[place] = np.clip(odds[place] + change, low, high)
+        self._odds, self._new = odds, []
 
     def _key(self, points):
         """One number for each voxel."""

@@ -57,11 +57,18 @@ def enhance_points(
     The options are those of `draw`. Points without power count as equally strong; the
     result has velocities if the points have. A model saw the points of its
     `spec.points` in training: the more another detector's differ, the less its cloud is
-    to be trusted. One cloud; `vmap` it. Raises ValueError for a model that sees no
-    points.
+    to be trusted. The cloud of no points is empty. One cloud; `vmap` it. Raises
+    ValueError for a model that sees no points.
     """
-    seen = model.spec.frame_grid.condition(None, points, None)
-    return _enhanced(key, seen, points, model, drawing)
+
+    def enhanced(key, points, model):
+        seen = model.spec.frame_grid.condition(None, points, None)
+        return _enhanced(key, seen, points, model, drawing)
+
+    if points.valid.size:
+        return enhanced(key, points, model)
+    empty = jax.eval_shape(enhanced, key, points, model)  # XLA would take a minute
+    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), empty)
 
 
 @jit

@@ -53,6 +53,7 @@ class Card:
     steps_seen: int = 0
     trained_on: str = ""
     radars: tuple[RadarSpec, ...] = ()  # of training; the first recorded the most
+    sent_points: bool = False  # learned from points that a radar sent
 
     @property
     def radar(self) -> RadarSpec:

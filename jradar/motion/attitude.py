@@ -7,8 +7,9 @@ accelerations, less the change of the radar's velocity.
 
 import numpy as np
 import scipy  # loads `spatial` when it is first used
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from jradar.errors import UsageError
 from jradar.lidar import Poses, interpolate_poses
 from jradar.recordings import Imu
 
@@ -118,3 +119,25 @@ def pose_attitude(poses: Poses, stamps: Float[np.ndarray, " stamp"]) -> Matrices
             f"{stamps[0]:.3f} to {stamps[-1]:.3f} s: choose frames within"
         )
     return turns
+
+
+def within_poses(
+    poses: Poses, stamps: Float[np.ndarray, " stamp"]
+) -> tuple[Bool[np.ndarray, " stamp"], list[str]]:
+    """Return which frames lie within the poses, and a note on those that are left out.
+
+    Raises UsageError if none do.
+    """
+    first, last = poses.stamps[[0, -1]]
+    inside = (stamps >= first) & (stamps <= last)
+    out, span = (
+        len(stamps) - inside.sum(),
+        f"the poses from {first:.3f} to {last:.3f} s",
+    )
+    if not inside.any():
+        raise UsageError(
+            f"none of {out} frames, from {stamps[0]:.3f} to {stamps[-1]:.3f} s, is "
+            f"within {span}: are their times on another clock?"
+        )
+    note = f"{out} of {len(stamps)} frames are outside {span}, and are left out"
+    return inside, [note] if out else []

@@ -12,7 +12,13 @@ from jaxtyping import Float, Int
 
 from jradar.errors import UsageError
 from jradar.files import atomic_path
-from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_attitude
+from jradar.motion.attitude import (
+    gyro_attitude,
+    gyro_bias,
+    levelled,
+    pose_attitude,
+    within_poses,
+)
 from jradar.motion.scans import scan_poses, to_poses
 from jradar.motion.velocities import Velocities, outliers
 from jradar.options.recordings import ROTATIONS
@@ -49,12 +55,19 @@ def odometry(
 
     `rotation` is "imu" (its gyroscope), "poses" (the recorded ones), "lidar" (scan
     matching) or "none" (the rig does not rotate). The base is first at the origin.
-    Velocities unlike their neighbours' are bridged. Raises UsageError for what the
-    recording lacks.
+    Velocities unlike their neighbours' are bridged, and frames outside the poses that
+    it uses are left out. Raises UsageError for what the recording lacks.
     """
     if rotation not in ROTATIONS:
         raise UsageError(f"{rotation=}, expected one of {', '.join(ROTATIONS)}")
-    stamps, notes = velocities.stamps, [*_notes(recording, velocities)]
+    turns, outside = np.stack([np.eye(3)] * len(velocities.stamps)), []
+    if rotation == "poses":
+        if recording.poses is None:
+            raise UsageError(f"{recording.path} has no poses: use another rotation")
+        inside, outside = within_poses(recording.poses, velocities.stamps)
+        velocities = Velocities(*(column[inside] for column in velocities))
+        turns = pose_attitude(recording.poses, velocities.stamps)
+    stamps, notes = velocities.stamps, [*outside, *_notes(recording, velocities)]
     wrong = outliers(velocities)
     if wrong.any():
         notes.append(
@@ -67,13 +80,8 @@ def odometry(
     if mount is None:
         mount = np.eye(4)
         notes.append("the radar's place on the base is unknown: they are taken as one")
-    turns = np.stack([np.eye(3)] * len(stamps))
     if rotation == "imu":
         turns = _from_imu(recording, velocities, mount, notes)
-    elif rotation == "poses":
-        if recording.poses is None:
-            raise UsageError(f"{recording.path} has no poses: use another rotation")
-        turns = pose_attitude(recording.poses, stamps)
     elif rotation == "lidar":
         poses = scan_poses(recording)
         # The LiDAR's first and last scan may lie within the radar's frames.

@@ -1,18 +1,19 @@
 """Writes point clouds as PLY, PCD, CSV and NPZ; `recordings` reads PLY and PCD back.
 
 A row is a valid point: x, y and z in metres, then what the cloud holds of velocity
-(m/s), power and SNR. PLY and PCD are binary, float32, little-endian. A CSV file begins
-with the names, and its numbers read back as the same float32.
+(m/s), power and SNR. PLY and PCD are binary, float32, little-endian, and may hold notes
+as comments. A CSV file begins with the names, and its numbers read back as the same
+float32.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import jradar
-from jradar.errors import UsageError
+from jradar.errors import UsageError, printable
 from jradar.files import atomic_path
 
 
@@ -38,13 +39,16 @@ def point_table(cloud: "jradar.PointCloud") -> np.ndarray:
     return table
 
 
-def write_ply(path: Path | str, cloud: "jradar.PointCloud") -> None:
+def write_ply(
+    path: Path | str, cloud: "jradar.PointCloud", notes: Sequence[str] = ()
+) -> None:
     """Write the valid points of one cloud as a PLY file."""
     table = point_table(cloud)
     header = [
         "ply",
         "format binary_little_endian 1.0",
         "comment jradar: metres, x forward, y left, z up",
+        *(f"comment {printable(note)}" for note in notes),
         f"element vertex {len(table)}",
         *(f"property float {name}" for name in table.dtype.names or ()),
         "end_header",
@@ -52,12 +56,15 @@ def write_ply(path: Path | str, cloud: "jradar.PointCloud") -> None:
     _write(path, header, table.tobytes())
 
 
-def write_pcd(path: Path | str, cloud: "jradar.PointCloud") -> None:
+def write_pcd(
+    path: Path | str, cloud: "jradar.PointCloud", notes: Sequence[str] = ()
+) -> None:
     """Write the valid points of one cloud as a PCD file of version 0.7."""
     table = point_table(cloud)
     names = table.dtype.names or ()
     header = [
         "# .PCD v0.7 - jradar: metres, x forward, y left, z up",
+        *(f"# {printable(note)}" for note in notes),
         "VERSION 0.7",
         f"FIELDS {' '.join(names)}",
         f"SIZE {' '.join('4' for _ in names)}",
@@ -72,14 +79,16 @@ def write_pcd(path: Path | str, cloud: "jradar.PointCloud") -> None:
     _write(path, header, table.tobytes())
 
 
-def write_csv(path: Path | str, cloud: "jradar.PointCloud") -> None:
+def write_csv(
+    path: Path | str, cloud: "jradar.PointCloud", _notes: Sequence[str] = ()
+) -> None:
     """Write the valid points of one cloud as lines of numbers with commas."""
     table = point_table(cloud)
     rows = (",".join(f"{number:.9g}" for number in row) for row in table.tolist())
     _write(path, [",".join(table.dtype.names or ()), *rows], b"")
 
 
-CLOUD_WRITERS: dict[str, Callable[[Path | str, "jradar.PointCloud"], None]] = {
+CLOUD_WRITERS: dict[str, Callable[..., None]] = {  # path, cloud, notes
     "ply": write_ply,
     "pcd": write_pcd,
     "csv": write_csv,
@@ -110,4 +119,5 @@ def save_cloud(path: Path | str, cloud: "jradar.PointCloud") -> None:
 
 def _write(path: Path | str, lines: list[str], data: bytes) -> None:
     with atomic_path(path) as scratch:
-        scratch.write_bytes("\n".join([*lines, ""]).encode("ascii") + data)
+        text = "\n".join([*lines, ""]).encode("ascii", "replace")
+        scratch.write_bytes(text + data)

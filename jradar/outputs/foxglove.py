@@ -2,6 +2,7 @@
 
 /NAME/points          foxglove.PointCloud: x y z, and velocity, power .. as fields
 /radar/range_azimuth  foxglove.RawImage, mono8
+/enhanced/verdict     foxglove.Log: the expected share of right points, and warnings
 /tf                   foxglove.FrameTransforms of radar and LiDAR on the base, and of
                       the base in odom
 """
@@ -16,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from jradar.errors import UsageError, optional
 from jradar.outputs.clouds import point_table
 from jradar.outputs.messages import MessageWriter, exists
-from jradar.outputs.published import CLOUDS, RADAR_FRAME, Published
+from jradar.outputs.published import CLOUDS, RADAR_FRAME, VERDICT, Published
 from jradar.recordings.bags.mcap_writer import McapWriter, Schema
 
 ENCODING = "protobuf"
@@ -35,7 +36,8 @@ class FoxgloveMessages:
         """Return the classes of the messages of all topics that jradar publishes."""
         m = self.messages
         clouds = {f"/{name}/points": m.PointCloud for name in CLOUDS}
-        return {**clouds, "/radar/range_azimuth": m.RawImage, "/tf": m.FrameTransforms}
+        others = {"/radar/range_azimuth": m.RawImage, VERDICT: m.Log}
+        return {**clouds, **others, "/tf": m.FrameTransforms}
 
     def of(self, frame: Published) -> Iterator[tuple[str, Any]]:
         """Yield the topic and the message of everything that a frame holds."""
@@ -45,6 +47,8 @@ class FoxgloveMessages:
             yield f"/{name}/points", self._cloud(stamp, point_table(cloud))
         if frame.picture is not None:
             yield "/radar/range_azimuth", self._image(stamp, frame.picture)
+        if frame.verdict:
+            yield VERDICT, self._log(stamp, frame.verdict)
         if frame.transforms:
             transforms = [
                 self._transform(stamp, parent, child, matrix)
@@ -81,6 +85,15 @@ class FoxgloveMessages:
             encoding="mono8",
             step=width,
             data=picture.tobytes(),
+        )
+
+    def _log(self, stamp, verdict: tuple[str, ...]):
+        levels = self.messages.LogLevel
+        return self.messages.Log(
+            timestamp=stamp,
+            level=levels.Warning if len(verdict) > 1 else levels.Info,
+            message="; ".join(verdict),
+            name="jradar",
         )
 
     def _transform(self, stamp, parent: str, child: str, matrix: np.ndarray):

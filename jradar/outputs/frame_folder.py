@@ -113,10 +113,12 @@ class FrameFolder:
             recording,
             grid.view,
             dense=frame.cloud,
-            more=f"; model: {model.card.purpose}",
+            more=f"\nmodel: {model.card.purpose}",
+            verdict="; ".join(frame.verdict),
             **shown,
         )
-        return self._write(frame.number, (frame.points, frame.cloud), arrays, figure)
+        clouds = frame.points, frame.cloud
+        return self._write(frame.number, clouds, arrays, figure, frame.verdict)
 
     def _names(self, frame: int) -> list[str]:
         """Return the names of a frame's clouds, then of its arrays and picture."""
@@ -132,9 +134,11 @@ class FrameFolder:
         clouds: tuple[PointCloud, ...],
         arrays: dict[str, Any],
         figure: "Callable[[], Figure]",
+        verdict: tuple[str, ...] = (),
     ) -> list[str]:
         def cloud_writer(cloud: PointCloud) -> Callable[[Path], None]:
-            return lambda path: CLOUD_WRITERS[self._kind](path, cloud)
+            notes = verdict if cloud is clouds[-1] else ()
+            return lambda path: CLOUD_WRITERS[self._kind](path, cloud, notes)
 
         writers: list[Callable[[Path], None]] = [
             *map(cloud_writer, clouds),
@@ -154,6 +158,7 @@ class FrameFolder:
         range_image: np.ndarray | None = None,
         polar_image: np.ndarray | None = None,
         more: str = "",
+        verdict: str = "",
     ) -> "Figure":
         """Draw the maps and the clouds, with the LiDAR's if there is one."""
         radar, maps, points = recording.radar, None, frame.points
@@ -171,6 +176,7 @@ class FrameFolder:
             polar=polar_image,
             lidar=nearest_scan(recording, frame.number),
             title=f"{recording.name}, frame {frame.number}{more}",
+            verdict=verdict,
         )
 
 
@@ -201,9 +207,10 @@ def _azimuth_program(radar: RadarSpec) -> Callable[..., Any]:
 
     kind = jnp.float32 if radar.real_samples else jnp.complex64
     samples = jax.ShapeDtypeStruct(radar.cube_shape, kind)
-    program = programs.ready(samples, "azimuths", radar, trace=trace)["azimuths"]
+    stages = ["azimuths"]
+    found = programs.ready(samples, "azimuths", radar, stages=stages, trace=trace)
     _viz()
-    return program
+    return found["azimuths"]
 
 
 def _viz() -> Any:

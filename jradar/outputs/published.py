@@ -19,6 +19,7 @@ SHOWN_DB = 50.0  # below the strongest echo; weaker ones are black
 RADAR_FRAME, BASE_FRAME, LIDAR_FRAME = "radar", "base", "lidar"
 ODOM_FRAME = "odom"  # fixed, in which the base moves
 CLOUDS = ("radar", "enhanced", "lidar")  # names of clouds, with topics /NAME/points
+VERDICT = "/enhanced/verdict"
 
 
 class Published(NamedTuple):
@@ -30,6 +31,7 @@ class Published(NamedTuple):
     picture: UInt8[np.ndarray, "range azimuth"] | None = None
     base_from: dict[str, np.ndarray] = {}  # 4 x 4, of "radar" and "lidar" where known
     odom_from_base: np.ndarray | None = None  # 4 x 4, where the motion is known
+    verdict: tuple[str, ...] = ()  # how far to trust the enhanced cloud, in sentences
 
     @property
     def transforms(self) -> list[tuple[str, str, np.ndarray]]:
@@ -86,7 +88,8 @@ def published_frame(recording: Recording, frame: Frame) -> Published:
     picture = None
     if frame.samples is not None:
         picture = np.asarray(range_azimuth(frame.samples, recording.radar.spec))
-    return published(recording, frame.number, clouds, picture)
+    shown = published(recording, frame.number, clouds, picture)
+    return shown._replace(verdict=frame.verdict)
 
 
 def sensor_places(recording: Recording) -> dict[str, np.ndarray]:

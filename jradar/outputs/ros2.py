@@ -2,6 +2,7 @@
 
 /NAME/points          sensor_msgs/PointCloud2: x y z, and velocity, power .. as fields
 /radar/range_azimuth  sensor_msgs/Image, mono8
+/enhanced/verdict     rcl_interfaces/Log: the expected share of right points, warnings
 /tf                   tf2_msgs/TFMessage of radar and LiDAR on the base, and of the
                       base in odom
 
@@ -18,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from jradar.errors import optional
 from jradar.outputs.clouds import point_table
 from jradar.outputs.messages import MessageWriter, exists
-from jradar.outputs.published import RADAR_FRAME, Published
+from jradar.outputs.published import RADAR_FRAME, VERDICT, Published
 from jradar.recordings.bags.mcap_writer import McapWriter, Schema
 
 FLOAT32 = 7  # of sensor_msgs/PointField
@@ -79,12 +80,26 @@ class BagWriter(MessageWriter):
             yield f"/{name}/points", self._cloud(header, point_table(cloud))
         if frame.picture is not None:
             yield "/radar/range_azimuth", self._image(header, frame.picture)
+        if frame.verdict:
+            yield VERDICT, self._log(header, frame.verdict)
         if frame.transforms:
             transforms = [
                 self._transform(self._header(frame, parent), child, matrix)
                 for parent, child, matrix in frame.transforms
             ]
             yield "/tf", self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
+
+    def _log(self, header, verdict: tuple[str, ...]) -> Any:
+        log = self._type("rcl_interfaces/msg/Log")
+        return log(
+            stamp=header.stamp,
+            level=log.WARN if len(verdict) > 1 else log.INFO,
+            name="jradar",
+            msg="; ".join(verdict),
+            file="",
+            function="",
+            line=0,
+        )
 
     def _type(self, name: str) -> Any:
         return self._store.types[name]

@@ -65,11 +65,16 @@ class Frame(NamedTuple):
         valid = np.asarray(self.cloud.valid)[: math.prod(shape)]
         return valid.reshape(shape)
 
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """How far to trust the cloud, in sentences: in pictures and files."""
+        sure = self.confidence
+        share = () if sure is None else (f"{sure:.0%} of its points may be right",)
+        return (*share, *(text.partition(": ")[0] for text in self.warnings))
+
     def describe(self) -> dict[str, int | float]:
         """Return the numbers of points, and how far to trust them."""
         row: dict[str, int | float] = {"frame": self.number}
-        if self.detected is not None:
-            row["detections"] = int(np.asarray(self.detected).sum())
         row["radar points"] = int(np.asarray(self.points.valid).sum())
         row["enhanced points"] = int(np.asarray(self.cloud.valid).sum())
         if self.confidence is not None:
@@ -226,12 +231,16 @@ class Pipeline:
         return frame._replace(warnings=tuple(alone.warnings(self.recording.radar)))
 
     def before(self, frames: range) -> range:
-        """Return the frames that must be answered before these, for their history."""
+        """Return the frames that must be answered before these, for their history.
+
+        Of several images, the oldest may be that of the last frame before their span.
+        """
         first = max(0, frames.start - self.fuse + 1)
         span_s = self.history_s if self._images is None else self._images.span_s
         times = frame_times(self.recording)
         if span_s and times is not None:
-            first = int(np.searchsorted(times, times[frames.start] - span_s))
+            first = int(np.searchsorted(times, times[frames.start] - span_s)) - 1
+            first = max(0, first)
         return range(first, frames.start)
 
     @property

@@ -4,9 +4,11 @@ JAX finds a compiled program by its text, but tracing the text takes longer than
 the program a hundred times. Here texts are found by what shapes them: options, kinds of
 arrays, jradar's source files, and versions. The code of a class from outside of jradar,
 such as a network of your own, is not among these. So the programs of such options stay
-in the process that traced them.
+in the process that traced them, and so do all once a source file is not the one that
+was imported.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -14,7 +16,7 @@ import json
 import os
 import sys
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,7 +28,9 @@ import numpy as np
 from flax.serialization import msgpack_restore, msgpack_serialize
 from jax.tree_util import keystr, tree_flatten_with_path
 
+from jradar import IMPORTED_S
 from jradar.diffusion import RangeMixture
+from jradar.errors import UsageError
 from jradar.files import atomic_path, open_file
 from jradar.model import compiler_options
 from jradar.model.grids.polar import PolarImage
@@ -55,30 +59,46 @@ class Program(NamedTuple):
 
 
 def ready(
-    arguments: Any, *options: Any, trace: Callable[[], Iterator[tuple[str, Program]]]
+    arguments: Any,
+    *options: Any,
+    stages: Collection[str],
+    trace: Callable[[], Iterator[tuple[str, Program]]],
 ) -> Compiled:
     """Return compiled programs by name: of this process, an earlier one, or traced now.
 
-    `trace` yields names and `traced` programs. Saved programs are found by the shapes
-    and types of `arguments` and the `repr` of `options`.
+    `trace` yields the names in `stages` and `traced` programs. Saved programs are found
+    by the shapes and types of `arguments` and the `repr` of `options`. Those that lack
+    a stage, or that XLA refuses, are traced again and replaced.
     """
     foreign = [*classes_of_others(options)]
     name = digest(arguments, *options, *map(id, foreign))
     if name not in READY:
-        known, texts = None if foreign else load(name), dict[str, Program]()
-        compiling = dict[str, Future]()
-        quick = compiler_options()
-        with ThreadPoolExecutor() as threads:  # XLA does not hold Python's lock
-            for stage, program in known.items() if known else trace():
-                texts[stage] = program
-                compiling[stage] = threads.submit(compiled, program, quick)
-            if not (known or foreign):
+        shared, found = not foreign and unedited(), None
+        known = load(name) if shared else None
+        if known and known.keys() == {*stages}:
+            with contextlib.suppress(Exception):  # a text of no program
+                found, _ = _compiled(known.items())
+        if found is None:
+            found, texts = _compiled(trace())
+            if shared and unedited():
                 save(name, texts)
         if len(READY) >= MOST_READY:
             del READY[next(iter(READY))]
-        found = {stage: future.result() for stage, future in compiling.items()}
         READY[name] = found, foreign
     return READY[name][0]
+
+
+def _compiled(
+    programs: Iterable[tuple[str, Program]],
+) -> tuple[Compiled, dict[str, Program]]:
+    """Return programs by name, compiled and as they are."""
+    compiling, texts = dict[str, Future](), dict[str, Program]()
+    quick = compiler_options()
+    with ThreadPoolExecutor() as threads:  # XLA does not hold Python's lock
+        for stage, program in programs:
+            texts[stage] = program
+            compiling[stage] = threads.submit(compiled, program, quick)
+    return {stage: future.result() for stage, future in compiling.items()}, texts
 
 
 def traced(function: Callable[..., Any], *arguments: Any) -> tuple[Program, Any]:
@@ -103,6 +123,7 @@ def compiled(program: Program, quick: dict[str, Any]) -> Callable[..., Any]:
     exported = jax.export.deserialize(bytearray(program.text))
     lowered = jax.jit(exported.call).lower(*exported.in_avals)
     run, result = lowered.compile(quick), jax.tree.structure(program.result)
+    result.unflatten(exported.out_avals)  # ValueError if they are not as many
     return lambda *arguments: result.unflatten(run(*jax.tree.leaves(arguments)))
 
 
@@ -139,6 +160,18 @@ def _code() -> tuple[Any, ...]:
     return stats, versions, sys.version
 
 
+def unedited() -> bool:
+    """Return whether all source files are those that were imported.
+
+    A file's time of change cannot be set, as that of its content can.
+    """
+    try:
+        files = (path.stat() for path in PACKAGE.rglob("*.py"))
+        return all(stat.st_ctime < IMPORTED_S for stat in files)
+    except OSError:  # a file that is gone
+        return False
+
+
 def load(name: str) -> dict[str, Program] | None:
     """Return the programs that were saved by this digest, None if there are none."""
     try:
@@ -163,12 +196,14 @@ def save(name: str, found: dict[str, Program]) -> None:
     )
     try:
         path = _place(name)
+        with contextlib.suppress(OSError):
+            path.rmdir()  # an empty folder of this name
         with atomic_path(path) as scratch:
             scratch.write_bytes(zlib.compress(content, 1))
-        files = path.parent.glob("*" + SUFFIX)
+        files = filter(Path.is_file, path.parent.glob("*" + SUFFIX))
         for old in sorted(files, key=lambda file: -file.stat().st_mtime)[MOST_FILES:]:
             old.unlink()
-    except OSError:  # no folder, or a full disk: the next process traces again
+    except (OSError, UsageError):  # a full disk, or a folder: the next traces again
         return
 
 

@@ -21,7 +21,7 @@ UNCALIBRATED = (
 )
 OF_POINTS = (
     "the model was trained on the dense points of a radar's samples, not on those that "
-    "a radar sends: `jradar score` compares it with these, where there is a LiDAR"
+    "a radar sends, which may be better alone or smeared: see `jradar score`"
 )
 FLAT_POINTS = (
     "the points of this radar all lie in one plane: heights in the result would be "
@@ -65,7 +65,7 @@ def of_model(model: Model, radar: RadarSpec | None) -> Iterator[str]:
     if grid.caution:
         yield grid.caution
     if radar is None:
-        yield OF_POINTS
+        yield from () if model.card.sent_points else (OF_POINTS,)
     else:
         yield from unsuited(grid.kind, model.card.radars, radar)
 
@@ -122,7 +122,8 @@ class Tally:
             yield (
                 f"do not trust {self._which('unsure')}: the model expects more "
                 f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
-                "--min-confidence 0.5 keeps few of them, most of which are right"
+                "--min-confidence 0.5 leaves out those that are more often wrong than "
+                "right"
                 + ("" if radar is None or radar.calibrated else f". {UNCALIBRATED}")
             )
 

@@ -28,6 +28,7 @@ REACH = 2  # cells, to a side
 AROUND = 10  # points for each point of the radar
 WIDE_M = 0.3  # their deviation up and down, and to the sides
 DEEP_M = 0.1  # and along the line of sight
+LEAST_M = 1e-3  # beside the vertical axis: straight overhead, no side is left
 CROWD = 1024.0  # points that make a crowding of 1
 
 
@@ -80,15 +81,17 @@ def spread_out(
     """Return points at `steps` ahead, to the left and up (m) from each point.
 
     Ahead is along the line of sight. They have the velocity and confidence of their
-    point, and are valid if both are `inside`. One cloud; `vmap` it.
+    point, and are valid if both are `inside`. A point within 1 mm of the vertical axis
+    has none. One cloud; `vmap` it.
     """
-    xyz = jnp.where(points.valid[:, None], points.xyz, jnp.asarray((1.0, 0.0, 0.0)))
+    usable = points.valid & ((points.xyz[:, :2] ** 2).sum(-1) > LEAST_M**2)
+    xyz = jnp.where(usable[:, None], points.xyz, jnp.asarray((1.0, 0.0, 0.0)))
     ahead = xyz / jnp.linalg.norm(xyz, axis=-1, keepdims=True)
     ground = jnp.linalg.norm(ahead[:, :2], axis=-1, keepdims=True)
     left = jnp.concatenate([-ahead[:, 1:2], ahead[:, :1], 0 * ground], -1) / ground
     axes = jnp.stack([ahead, left, jnp.cross(ahead, left)], 1)
     around = xyz[:, None] + jnp.asarray(steps, xyz.dtype) @ axes
-    valid = (inside(around) & (inside(xyz) & points.valid)[:, None]).ravel()
+    valid = (inside(around) & (inside(xyz) & usable)[:, None]).ravel()
     velocity, confidence = points.velocity, points.confidence
     if velocity is not None:
         velocity = velocity.repeat(len(steps))

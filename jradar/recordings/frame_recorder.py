@@ -76,7 +76,7 @@ class FrameRecorder:
         write_radar_toml(toml, radar.radar, iq_order=order, mount=mount)
         write_text(self.path / "capture.toml", DESCRIPTION)
         self._samples = (self.path / "adc_data.bin").open("wb", buffering=0)
-        self._times = (self.path / "frames.txt").open("w", buffering=1)
+        self._times = (self.path / "frames.txt").open("wb", buffering=0)
 
     def __enter__(self) -> "FrameRecorder":
         return self
@@ -88,10 +88,19 @@ class FrameRecorder:
     def write(
         self, data: UInt8[np.ndarray, " byte"], stamp_s: float, lost_bytes: int = 0
     ) -> None:
-        """Append a frame, lost bytes as zeros, with its time in seconds since 1970."""
-        left = memoryview(data.tobytes())
-        while left:
-            left = left[self._samples.write(left) or 0 :]
-        self._times.write(f"{stamp_s:.6f} {lost_bytes}\n")
+        """Append a frame, lost bytes as zeros, with its time in seconds since 1970.
+
+        Raises OSError that names the folder if it does not fit.
+        """
+        line = f"{stamp_s:.6f} {lost_bytes}\n".encode()
+        for file, part in ((self._samples, data.tobytes()), (self._times, line)):
+            left = memoryview(part)
+            try:
+                while left:
+                    left = left[file.write(left) or 0 :]
+            except OSError as error:
+                raise OSError(
+                    f"{self.path} cannot be written ({error}): is the disk full?"
+                ) from error
         self.frames += 1
         self.lost_bytes += lost_bytes

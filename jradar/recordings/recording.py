@@ -27,7 +27,7 @@ from jradar.lidar import Poses, returns, transform
 
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
 LOOKED_AT = 40  # frames of points that show whether there are elevations
-TAKE_POINTS = "`jradar enhance`, `map`, `odometry`, `score` and `live`"
+TAKE_POINTS = "`jradar enhance`, `map`, `odometry`, `prepare`, `score` and `live`"
 
 
 class Stream(Sequence):

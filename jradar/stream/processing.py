@@ -153,12 +153,14 @@ class Processor:
         moved_s = stamp_s
         if index is not None and stamps is not None:
             moved_s = float(stamps[index])
+        verdict = ()
         if self.pipeline is None:
             frame = self._stages.observe(measured)
             clouds = {"radar": frame.points}
         else:
             frame = self.pipeline.frame(number, measured, moved_s)
             clouds = {"radar": frame.points, "enhanced": frame.cloud}
+            verdict = frame.verdict
         picture = moved = None
         if frame.samples is not None:
             picture = range_azimuth(frame.samples, self.recording.radar.spec)
@@ -167,7 +169,8 @@ class Processor:
             moved = odom_from_base(self.recording, index)
             if (scan := nearest_scan(self.recording, index)) is not None:
                 clouds[LIDAR_FRAME] = lidar_cloud(scan)
-        return Published(number, stamp_s, clouds, picture, self._base_from, moved)
+        places = self._base_from, moved
+        return Published(number, stamp_s, clouds, picture, *places, verdict)
 
 
 def quickest(model: Model | None, **drawing: Unpack[Drawing]) -> Drawing:

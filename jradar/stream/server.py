@@ -21,6 +21,8 @@ import re
 import socket
 import struct
 import threading
+import time
+import weakref
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -37,7 +39,8 @@ LOCAL = re.compile(r"file://|https?://(localhost|127\.\d+\.\d+\.\d+|\[::1\])(:\d
 HEAD = struct.Struct("<BIQ")  # opcode, subscription, time in ns
 WARNING = 1  # level of a status
 MOST_NAMED = 10  # pages that are named when they are refused
-CLOSING_S = 1.0  # by which a viewer may delay the end
+CLOSING_S = 1.0  # in which viewers may answer the end; as long again to cut them off
+WAKE_S = 0.02  # between two looks at what has ended
 
 
 class Viewer:
@@ -103,6 +106,8 @@ class Server:
         self._allowed = {FOXGLOVE, *(origin.rstrip("/") for origin in allow_origins)}
         self._say, self._refused = say, set[str]()
         self._viewers: list[Viewer] = []
+        self._connections = weakref.WeakSet[Any]()  # also those without a handshake
+        self._made = serving.ServerConnection
         self._lock = threading.Lock()
         self._channels: dict[str, dict[str, Any]] = {}
         for topic, kind in self._messages.kinds().items():
@@ -123,6 +128,7 @@ class Server:
             sock=bound,
             subprotocols=PROTOCOLS,
             process_request=self._refusal,
+            create_connection=self._connection,
             compression=None,
             close_timeout=CLOSING_S,
             logger=quiet,
@@ -146,14 +152,37 @@ class Server:
         """Do nothing: no frame is kept."""
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving, within two seconds whatever the viewers do."""
         with self._lock:
-            viewers = [*self._viewers]
+            viewers, connections = [*self._viewers], [*self._connections]
         for viewer in viewers:
             viewer.end()
-            viewer.connection.close()
-        self._server.shutdown()
-        self._thread.join()
+        ends = [self._server.shutdown, *(one.close for one in connections)]
+        threads = [threading.Thread(target=end, daemon=True) for end in ends]
+        for thread in threads:
+            thread.start()
+        begin = time.monotonic()
+        while any(thread.is_alive() for thread in threads):
+            if (waited := time.monotonic() - begin) > 2 * CLOSING_S:
+                break
+            if waited > CLOSING_S:
+                self._cut_off()
+            time.sleep(WAKE_S)
+
+    def _cut_off(self) -> None:
+        """End all connections, also one that is sending to a viewer who never reads."""
+        with self._lock:
+            connections = [*self._connections]
+        for connection in connections:
+            with contextlib.suppress(OSError):  # it has ended
+                connection.socket.shutdown(socket.SHUT_RDWR)
+
+    def _connection(self, *arguments: Any, **options: Any) -> Any:
+        """Return a new connection, which `close` will find."""
+        connection = self._made(*arguments, **options)
+        with self._lock:
+            self._connections.add(connection)
+        return connection
 
     def _advertised(self, topic: str, kind: Any) -> dict[str, Any]:
         """Return the channel of a topic; announce a new one to all viewers."""

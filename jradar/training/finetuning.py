@@ -278,6 +278,7 @@ def _card(card: Card, own: Records, old: Old, step: int, name: str) -> Card:
         trained_on=f"{len(own)} own frames {own.digest[:12]}, with "
         f"{len(old.replayed)} old ones",
         radars=tuple(radars),
+        sent_points=card.sent_points or own.of_points,
     )
 
 

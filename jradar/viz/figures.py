@@ -28,6 +28,7 @@ STYLES = {  # colour and size of a point
     "LiDAR": ("tab:gray", 1.2),
     "detections": ("tab:red", 2.7),
     "radar points": ("tab:red", 2.7),
+    "radar points above the noise": ("tab:red", 2.7),
     "jradar": ("tab:blue", 1.2),
 }
 LEGEND_SIZE = 3  # of a marker, relative to its size in the picture
@@ -85,6 +86,7 @@ def capture_figure(
     polar: Float[np.ndarray, "polar_range polar_azimuth"] | None = None,
     lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
+    verdict: str = "",
 ) -> Figure:
     """Draw one capture: maps of power, clouds from above, range image.
 
@@ -92,26 +94,29 @@ def capture_figure(
     `dense` is the enhanced cloud, drawn above them, and `metres` its range image; if
     None, it is projected. A `polar` image, from -90 to 90 degrees and to the range of
     `image`, is drawn in its place. `lidar` holds LiDAR points in the radar's frame, of
-    which those ahead are drawn. Points beyond the image's range are not drawn.
+    which those ahead are drawn. Points beyond the image's range are not drawn. Colours
+    of `dense` are its confidence, if it has any, and the `verdict` stands below the
+    title.
     """
     parts = 2 if maps is None else 4
     # The `constrained` layout takes twice as long.
-    figure = Figure(figsize=(4.25 * parts, 5))
+    figure = Figure(figsize=(4.25 * parts, 5.6))
     edges = {"left": 0.14 / parts, "right": 1 - 0.04 / parts, "wspace": 0.22}
-    figure.subplots_adjust(**edges, bottom=0.26, top=0.86)
+    figure.subplots_adjust(**edges, bottom=0.23, top=0.77)
     *before, above, front = figure.subplots(1, parts)
-    figure.suptitle(title)
+    figure.suptitle(f"{title}\n{verdict}" if verdict else title, y=0.99, fontsize=11)
     found = "radar points"
     if maps is not None:
-        found, (spectrum, angles) = "detections", before
+        spectrum, angles = before
+        found = "detections" if dense is None else "radar points above the noise"
         _draw_spectrum(spectrum, np.asarray(maps.power), maps.radar)
         _draw_azimuths(angles, np.asarray(maps.azimuths), maps.radar)
     clouds = {} if lidar is None else {"LiDAR": lidar[lidar[:, 0] > 0]}
     for name, drawn in ((found, cloud), ("jradar", dense)):
         if drawn is not None:
-            clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
+            clouds[name] = surest_last(drawn)
     for name, xyz in clouds.items():
-        clouds[name] = xyz[np.linalg.norm(xyz, axis=1) <= image.max_range_m]
+        clouds[name] = xyz[np.linalg.norm(xyz[:, :3], axis=1) <= image.max_range_m]
     _draw_above(above, clouds)
     if polar is not None:
         _draw_polar(front, polar, image.max_range_m)
@@ -210,26 +215,50 @@ def _add_bar(axes: Axes, picture, label: str):
     axes.figure.colorbar(picture, cax=place, orientation="horizontal", label=label)
 
 
+def surest_last(cloud: PointCloud) -> Float[np.ndarray, "shown column"]:
+    """Return the valid points, the surest last; a fourth column is the confidence."""
+    valid = np.asarray(cloud.valid)
+    xyz = np.asarray(cloud.xyz)[valid]
+    if cloud.confidence is None:
+        return xyz
+    confidence = np.asarray(cloud.confidence)[valid]
+    return np.column_stack([xyz, confidence])[np.argsort(confidence)]
+
+
 def _draw_above(axes: Axes, clouds):
-    """Draw clouds from above: x up, y to the left."""
-    for name, xyz in clouds.items():
+    """Draw clouds from above: x up, y to the left; with confidence as the colour."""
+    for name, points in clouds.items():
         colour, size = STYLES[name]
-        label = f"{name}: {len(xyz):,}"
+        label = f"{name}: {len(points):,}"
+        x, y, _, *confidence = points.T
+        if confidence:
+            style = {
+                "s": size**2,
+                "linewidths": 0,
+                "cmap": "turbo",
+                "vmin": 0,
+                "vmax": 1,
+                "zorder": 2,
+            }
+            picture = axes.scatter(y, x, c=confidence[0], label=label, **style)
+            _add_bar(axes, picture, "confidence of jradar's points")
+            continue
         style = {"linestyle": "", "marker": "o", "markeredgewidth": 0}
-        axes.plot(
-            xyz[:, 1], xyz[:, 0], color=colour, markersize=size, label=label, **style
-        )
+        axes.plot(y, x, color=colour, markersize=size, label=label, **style)
     axes.plot(0, 0, "k^")
-    axes.set(title="from above", xlabel="y, left (m)", ylabel="x, forward (m)")
+    axes.set(xlabel="y, left (m), seen from above", ylabel="x, forward (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
     axes.legend(
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.15),
-        ncols=len(clouds),
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=1 if len(clouds) > 2 else 2,
         frameon=False,
         columnspacing=1.2,
         handletextpad=0.1,
+        labelspacing=0.1,
+        borderpad=0,
+        fontsize="small",
         markerscale=LEGEND_SIZE,
     )
 

@@ -28,13 +28,17 @@ def show(cloud: PointCloud) -> Figure:
     return _draw({"cloud": np.asarray(cloud.xyz)[valid]}, "points", None, confidence)
 
 
-def maps_figure(maps: Mapping[str, Points], *, path: Points | None = None) -> Figure:
+def maps_figure(
+    maps: Mapping[str, Points], *, path: Points | None = None, title: str = ""
+) -> Figure:
     """Draw maps, a column each: from above (x right, y up), and from the side.
 
     Colour is height, the same in all. `path` is drawn as a line. Raises ValueError
     without points.
     """
-    return _draw(maps, "voxels", path)
+    figure = _draw(maps, "voxels", path)
+    figure.suptitle(title)
+    return figure
 
 
 def _draw(maps, noun, path, confidence=None) -> Figure:
@@ -43,6 +47,8 @@ def _draw(maps, noun, path, confidence=None) -> Figure:
     if not len(every):
         raise ValueError("no points to draw, expected at least one map with points")
     low, high = np.percentile(every, SLICE_PERCENT, axis=0)
+    if path is not None:
+        low, high = np.minimum(low, path.min(0)), np.maximum(high, path.max(0))
     wide, deep, tall = np.maximum(high - low, 1)
     scale = 5 / max(wide, deep)
     width = max(len(maps) * (scale * wide + 0.9) + 1, 4.0)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from jradar.calibration import level_tilt
-from jradar.calibration.level import untilted
+from jradar.calibration.level import Tilt, untilted
+from jradar.calibration.recording import _check_tilt
 from jradar.radar import RadarSpec
 from jradar.types import PointCloud
 from tests.directions import unit
@@ -97,3 +98,19 @@ def test_invalid_points_do_not_count():
     others = PointCloud(-cloud.xyz, ~cloud.valid, 9 * cloud.velocity, cloud.power)
     false = jax.tree.map(lambda *both: np.concatenate(both, 1), cloud, others)
     assert degrees(level_tilt(false, CHIP).sine) == pytest.approx(5.0, abs=0.3)
+
+
+def test_a_tilt_that_does_not_stand_out_is_refused():
+    for degrees_, deviation, refused in (
+        (6.3, 3.6, True),
+        (6.3, 1.2, False),
+        (0.1, 0.3, False),
+    ):
+        tilt = Tilt(*np.sin(np.radians([degrees_, deviation])), 8)
+        if refused:
+            with pytest.raises(
+                ValueError, match="tilt is 6.3 degrees with a deviation of 3"
+            ):
+                _check_tilt(tilt)
+        else:
+            _check_tilt(tilt)

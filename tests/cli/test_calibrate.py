@@ -52,7 +52,7 @@ def test_a_level_walk_shows_the_tilt(run_json, tmp_path):
 def test_what_cannot_be_calibrated_is_named(uncalibrated, tmp_path, refused):
     out = tmp_path / "out.toml"
     for wrong, code, message in (
-        (["-o", tmp_path / "out.cfg"], 2, "expected the name of a .toml"),
+        (["-o", tmp_path / "out.cfg"], 2, "expected a name that ends with .toml"),
         (["-o", out, "--frames", "7:9"], 2, "has frames 0 to 5"),
         (["-o", out, "--picture", tmp_path / "x.png"], 2, "expected --mount"),
         (["-o", out, "--level", "--reflector", "3"], 2, "leave one out"),

@@ -207,3 +207,24 @@ def test_an_input_is_never_replaced(small_cube, run, model_folder, tmp_path, ref
         found = refused(*words, "-o", output, *["--force"] * (words[0] != "prepare"))
         assert f"{output} is an input of this command" in found and "--force" in found
     assert hashes(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "output", "expected"),
+    [
+        (
+            ["enhance"],
+            "cloud.ply",
+            "expected that of a folder, or of a file of all fra",
+        ),
+        (["points"], "a.npz", "a.npz is the name of a file, expected that of a folder"),
+        (["map"], "map.png", "expected that of a folder"),
+        (["odometry"], "walk.csv", "expected a name that ends with .tum or .txt"),
+        (["calibrate"], "mine.cfg", "expected a name that ends with .toml"),
+    ],
+)
+def test_a_name_never_promises_another_kind_of_output(
+    words, output, expected, small_cube, tmp_path, refused
+):
+    assert expected in refused(*words, small_cube, "-o", tmp_path / output)
+    assert not (tmp_path / output).exists()

@@ -68,6 +68,18 @@ def test_two_or_three_blocks_have_no_interval():
             assert found.mean == pytest.approx(np.mean(levels[:count]), abs=1e-3)
 
 
+def test_interval_test_and_effective_frames_agree_on_what_is_too_little():
+    rng = np.random.default_rng(9)
+    series = [rng.normal(1.0, size=50) for _ in range(200)]
+    both = [compare_paired([one], [np.zeros(50)]) for one in series]
+    known = np.array([np.isfinite(found.difference.low) for found in both])
+    assert 0.7 < known.mean() < 1
+    for one, found, is_known in zip(series, both, known, strict=True):
+        assert found.difference == pytest.approx(mean_interval([one]), nan_ok=True)
+        assert np.isfinite(found.t_test) == is_known
+        assert (found.difference.effective >= 4) == is_known
+
+
 @pytest.mark.parametrize("most", [1.0, 50.0, np.inf])
 def test_intervals_of_scores_stay_where_scores_are(most):
     values = min(most, 50) * np.array([0.01, 0.01, 0.02, 0.9])
@@ -132,7 +144,7 @@ def test_a_difference_is_found_though_frames_differ_more():
 
 
 def test_equal_runs_do_not_differ():
-    found = compare_paired([[1.0, 2.0, 3.0]], [[1.0, 2.0, 3.0]])
+    found = compare_paired([[1.0, 2.0, 3.0, 4.0]], [[1.0, 2.0, 3.0, 4.0]])
     assert found.difference.mean == 0 and found.t_test == 1
 
 

@@ -58,6 +58,23 @@ def test_poses_that_jump_are_noted(recording, jump, speeds):
     assert note.startswith(f"the poses jump near frame 6, from {speeds} m/s")
 
 
+@pytest.mark.parametrize("rotation", [None, "poses"])
+def test_frames_outside_the_poses_are_left_out(recording, rotation):
+    stamps = recording.cubes.stamps[3] + 0.1 * np.arange(10)
+    rows = np.stack([0.1 * np.arange(10), *np.zeros((2, 10))], -1)
+    there = recording._replace(poses=Poses(stamps, rows, np.eye(4)[[3] * 10]))
+    found = mapping.map_recording(there, tiny_map_model(), rotation=rotation)
+    first, last = stamps[[0, -1]]
+    note = f"3 of 12 frames are outside the poses from {first:.3f} to {last:.3f} s"
+    assert any(line.startswith(note) for line in found.notes)
+    assert len(found.path) == 9
+    chosen = {"frames": slice(3, None), "rotation": rotation}
+    alone = mapping.map_recording(there, tiny_map_model(), **chosen)
+    np.testing.assert_array_equal(found.radar.voxels, alone.radar.voxels)
+    with pytest.raises(UsageError, match="none of 2 frames, from .* is within the po"):
+        mapping.map_recording(there, tiny_map_model(), frames=slice(2))
+
+
 def test_poses_that_jump_too_far_are_refused(recording):
     steps = np.full(FRAMES + 1, 0.1)
     steps[7] = 9.0

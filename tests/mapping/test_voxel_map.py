@@ -38,6 +38,21 @@ def test_a_voxel_counts_once_a_frame_within_bounds_and_range():
     assert found.occupied()[1] == pytest.approx(0.97)
 
 
+@pytest.mark.parametrize("read", [False, True])
+def test_bounds_act_after_every_frame_whenever_the_map_is_read(read):
+    found = VoxelMap(SensorModel(voxel_m=1.0))
+    hit, behind = [[2.5, 0.5, 0.5]], [[4.5, 0.5, 0.5]]
+    for xyz in 40 * [hit] + 10 * [behind]:
+        found.add(xyz, np.eye(4))
+        if read:
+            found.occupied()
+    voxels, probability = found.occupied(above=0.0)
+    by_voxel = dict(zip(map(tuple, voxels.tolist()), probability, strict=True))
+    odds = math.log(0.97 / 0.03) + 10 * math.log(0.4 / 0.6)
+    assert by_voxel[2, 0, 0] == pytest.approx(1 / (1 + math.exp(-odds)))
+    assert by_voxel[0, 0, 0] == pytest.approx(0.12)
+
+
 def test_a_voxel_takes_the_largest_probability_of_its_points():
     found = VoxelMap(SensorModel(voxel_m=1.0))
     xyz = np.array([[2.2, 0.1, 0.1], [2.4, 0.2, 0.2], [2.3, 5.5, 0.1]])
@@ -57,6 +72,21 @@ def test_a_map_does_not_depend_on_where_its_world_begins():
         voxel_map.add(points, pose)
     shift = np.array([-1000, 2000, 300])
     assert (maps[0].occupied()[0] + shift).tolist() == maps[1].occupied()[0].tolist()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_far_voxels_come_back_where_they_are_or_are_refused(axis, side):
+    pose = np.eye(4)
+    pose[axis, 3] = side * 78_632.0
+    found, step = VoxelMap(), np.zeros((1, 3))
+    step[0, axis] = side * 9.9
+    found.add(step, pose)
+    (voxel,) = found.occupied()[0]
+    assert (voxel[axis] + 0.5) * 0.15 == pytest.approx(side * 78_641.9, abs=0.15)
+    pose[axis, 3] = side * 79_000.0
+    with pytest.raises(ValueError, match="less than 78,633 m along each axis"):
+        found.add(step, pose)
 
 
 @pytest.mark.parametrize("pose", [np.full((4, 4), np.nan), np.diag([1, 1, 1, 1.0]) * 1])

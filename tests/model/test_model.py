@@ -164,6 +164,14 @@ def test_points_of_any_origin_are_enhanced_as_those_of_the_cube(quick):
     assert enhance_points(KEY, bare, quick).velocity is None
 
 
+def test_no_points_give_an_empty_cloud_without_running_the_network(quick):
+    none = PointCloud(jnp.zeros((0, 3)), jnp.zeros(0, bool), velocity=jnp.zeros(0))
+    assert "convolution" not in enhance_points.lower(KEY, none, quick).as_text()
+    found = enhance_points(KEY, none, quick)
+    assert found.xyz.shape == (8 * 32, 3) and found.velocity.shape == (8 * 32,)
+    assert not found.valid.any()
+
+
 def test_models_of_other_cards_and_tables_share_programs_and_map_together(quick):
     table = ConfidenceTable.of((0.0, 1.0), least=0.2)
     table = table._replace(frequencies=IDENTITY.frequencies)

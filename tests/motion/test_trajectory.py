@@ -135,6 +135,13 @@ def test_orientation_of_poses_and_of_nothing(tmp_path):
     assert np.abs(straight.world_from_base - circle(STAMPS)).max() > 0.5
 
 
+def test_frames_outside_the_poses_are_left_out(tmp_path):
+    there = recording(tmp_path, poses=poses_on(circle, TIMES[TIMES >= 0.12]))
+    found = odometry(there, velocities_on(circle, STAMPS), rotation="poses")
+    np.testing.assert_array_equal(found.stamps, STAMPS[3:])
+    assert found.notes[0].startswith("3 of 41 frames are outside the poses from 0.120")
+
+
 def test_a_tilted_start_is_levelled(tmp_path):
     tilt = np.eye(4)
     tilt[:3, :3] = Rotation.from_euler("yx", [20, -10], degrees=True).as_matrix()

@@ -60,6 +60,17 @@ def test_the_header_of_a_pcd_file_is_in_the_order_of_pcl(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["ply", "pcd"])
+def test_notes_are_comments_that_readers_skip(tmp_path, kind):
+    notes = ["9% of its points may be right", "do not trust\nframe 1"]
+    CLOUD_WRITERS[kind](tmp_path / f"a.{kind}", cloud(4), notes)
+    lines = (tmp_path / f"a.{kind}").read_bytes().split(b"\n")
+    mark = b"comment " if kind == "ply" else b"# "
+    assert mark + b"9% of its points may be right" in lines
+    assert mark + b"do not trust\\nframe 1" in lines
+    assert len(read_cloud(tmp_path / f"a.{kind}")["x"]) == 2
+
+
+@pytest.mark.parametrize("kind", ["ply", "pcd"])
 def test_an_empty_cloud_is_a_file_without_points(tmp_path, kind):
     CLOUD_WRITERS[kind](tmp_path / f"a.{kind}", cloud(1))
     columns = read_cloud(tmp_path / f"a.{kind}")

@@ -141,3 +141,24 @@ def test_a_live_frame_has_the_time_of_its_arrival():
     stamps = [frame.stamp_s for frame in kept.frames]
     assert len(stamps) == len(CUBES) and stamps == sorted(stamps)
     assert begin_s < stamps[0] and stamps[-1] < time.time()
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "out.ros2"])
+def test_the_verdict_of_a_frame_is_a_message(tmp_path, name):
+    pytest.importorskip("foxglove")
+    pytest.importorskip("rosbags")
+    from mcap.reader import make_reader
+
+    verdicts = ("66% of its points may be right",), ("9% of", "do not trust frame 1")
+    writer = open_writer(tmp_path / name)
+    for frame, verdict in enumerate(verdicts):
+        shown = published(WALK, frame, *contents_of(frame))
+        writer.write(shown._replace(verdict=verdict))
+    writer.close()
+    path = tmp_path / name
+    (path,) = [path] if path.is_file() else path.glob("*.mcap")
+    with path.open("rb") as file:
+        found = [*make_reader(file).iter_messages(topics=["/enhanced/verdict"])]
+    for (schema, _, message), verdict in zip(found, verdicts, strict=True):
+        assert schema.name in ("foxglove.Log", "rcl_interfaces/msg/Log")
+        assert "; ".join(verdict).encode() in message.data

@@ -1,5 +1,6 @@
 """Frames of points that a radar sent, which go through the pipeline as they are."""
 
+import dataclasses
 from pathlib import Path
 
 import jax
@@ -59,6 +60,15 @@ def test_a_frame_is_what_enhance_points_gives_whatever_its_size():
         assert frame.stamp_s == pytest.approx(0.1 * frame.number)
     assert any("no echoes in frame 1" in text for text in found.warnings)
     assert any("not on those that a radar sends" in text for text in found.warnings)
+
+
+def test_a_model_that_learned_from_such_points_is_not_warned_of():
+    card = dataclasses.replace(MODEL.card, sent_points=True)
+    found = enhance_recording(
+        recording(points(30)), dataclasses.replace(MODEL, card=card)
+    )
+    _ = [*found]
+    assert not any("not on those that a radar sends" in text for text in found.warnings)
 
 
 def test_padding_adds_points_that_are_not_valid():

@@ -18,7 +18,7 @@ from jradar.model.grids.polar import (
 )
 from jradar.outputs.frame_folder import FrameFolder
 from jradar.outputs.guard import GuardedFolder
-from jradar.pipeline import enhance_recording
+from jradar.pipeline import Pipeline, enhance_recording
 from jradar.pipeline.history import LastImages
 from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.range_image import ConfidenceTable, fit_trust
@@ -154,6 +154,21 @@ def test_the_images_of_a_condition_are_those_of_training_or_the_nearest_in_time(
     assert conditions(0.025 * np.arange(9), 3) == [8, 6, 4]
     assert conditions([0, 0.05, 0.1, 5.0, 5.05], 4) == [4, 3, 3, 3]  # after a pause
     assert conditions([7, 7.05, 1, 1.05], 4) == [3, 2, 2, 2]  # time was set back
+
+
+@pytest.mark.parametrize("history", [4, 41])
+def test_a_condition_is_the_same_wherever_one_starts(history):
+    pipeline = Pipeline(
+        recording(stamps=np.zeros(0)), tiny_polar_model(history=history)
+    )
+    for period_s in (0.02, 0.05, 0.06, 0.08, 0.1, 0.12):
+        stamps = period_s * np.arange(120)
+        pipeline.recording = recording(read=pytest.fail, stamps=stamps)
+        for start in range(100, 120):
+            lead = pipeline.before(range(start, 120))
+            found = conditions(stamps[lead.start : start + 1], history)
+            whole = conditions(stamps[: start + 1], history)
+            assert [lead.start + k for k in found] == whole
 
 
 @pytest.mark.slow

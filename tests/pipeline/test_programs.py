@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import time
 
 import jax
 import jax.numpy as jnp
@@ -25,13 +26,23 @@ FOLDER = "jax_compilation_cache_dir"
 def cache(tmp_path, monkeypatch):
     """The folder of a cache that is on."""
     monkeypatch.setenv("JRADAR_CACHE", "")
+    monkeypatch.setattr(programs, "IMPORTED_S", time.time())
     before = jax.config.values[FOLDER]
     jax.config.update(FOLDER, str(tmp_path))
     yield tmp_path
     jax.config.update(FOLDER, before)
 
 
-def within(cloud, **options):
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package of one file, in place of jradar's."""
+    monkeypatch.setattr(programs, "PACKAGE", tmp_path / "package")
+    programs.PACKAGE.mkdir()
+    (programs.PACKAGE / "kernel.py").write_text("")
+    return programs.PACKAGE
+
+
+def within(cloud, *, restarted=True, **options):
     """The cloud within limits as a new process finds it, and whether it traced."""
     traced = []
 
@@ -41,8 +52,10 @@ def within(cloud, **options):
 
     programs.READY.clear()
     programs._code.cache_clear()
-    found = programs.ready(cloud, options, trace=trace)["within"](cloud)
-    return found, bool(traced)
+    if restarted:
+        programs.IMPORTED_S = time.time()
+    ready = programs.ready(cloud, options, stages=["within"], trace=trace)
+    return ready["within"](cloud), bool(traced)
 
 
 def test_a_second_process_traces_nothing_and_finds_the_same(cache):
@@ -59,11 +72,7 @@ def test_a_second_process_traces_nothing_and_finds_the_same(cache):
 @pytest.mark.parametrize(
     "what", ["options", "shape", "part", "source", "damage", "off"]
 )
-def test_other_programs_are_not_taken_for_it(cache, monkeypatch, tmp_path, what):
-    package = tmp_path / "package"
-    package.mkdir()
-    (package / "kernel.py").write_text("")
-    monkeypatch.setattr(programs, "PACKAGE", package)
+def test_other_programs_are_not_taken_for_it(cache, monkeypatch, package, what):
     cloud, options = CLOUD, NEAR
     within(cloud, **options)
     assert not within(cloud, **options)[1]
@@ -85,6 +94,42 @@ def test_other_programs_are_not_taken_for_it(cache, monkeypatch, tmp_path, what)
     jax.tree.map(np.testing.assert_array_equal, found, cloud.within(**options))
 
 
+def test_programs_of_files_that_changed_after_the_import_are_not_kept(cache, package):
+    kept = [*cache.glob("*" + programs.SUFFIX)]
+    before = (package / "kernel.py").stat()
+    (package / "kernel.py").write_text("CHANGED = 1")
+    os.utime(package / "kernel.py", ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert within(CLOUD, restarted=False, **NEAR)[1]
+    assert [*cache.glob("*" + programs.SUFFIX)] == kept == []
+    assert within(CLOUD, **NEAR)[1]
+    assert not within(CLOUD, **NEAR)[1]
+    (package / "kernel.py").write_text("CHANGED = 2")
+    assert within(CLOUD, restarted=False, **NEAR)[1]  # it imported the one before
+
+
+@pytest.mark.parametrize("what", ["text", "stage", "result", "folder", "full folder"])
+def test_programs_that_do_not_run_are_traced_again_and_replaced(cache, what):
+    expected, _ = within(CLOUD, **NEAR)
+    (file,) = cache.iterdir()
+    (program,) = programs.load(file.stem).values()
+    wrong = {
+        "text": {"within": program._replace(text=b"no program")},
+        "stage": {"without": program},
+        "result": {"within": program._replace(result=(0, 1, 2))},
+    }
+    if what in wrong:
+        programs.save(file.stem, wrong[what])
+    else:
+        file.unlink()
+        file.mkdir()
+        if what == "full folder":
+            (file / "mine").write_text("")
+    found, traced = within(CLOUD, **NEAR)
+    assert traced
+    jax.tree.map(np.testing.assert_array_equal, found, expected)
+    assert within(CLOUD, **NEAR)[1] == (what == "full folder")
+
+
 def test_programs_with_classes_of_ones_own_stay_in_the_process(cache):
     """Their `repr` says nothing of their code; jradar's own are kept."""
 
@@ -97,7 +142,8 @@ def test_programs_with_classes_of_ones_own_stay_in_the_process(cache):
             program, _ = programs.traced(lambda x: factor * x, jnp.ones(2))
             yield "scaled", program
 
-        return programs.ready(jnp.ones(2), (Own(),), trace=trace)["scaled"](jnp.ones(2))
+        options = {"stages": ["scaled"], "trace": trace}
+        return programs.ready(jnp.ones(2), (Own(),), **options)["scaled"](jnp.ones(2))
 
     assert answer(2.0)[0] == 2 and answer(3.0)[0] == 3
     assert not [*cache.iterdir()]

@@ -114,3 +114,12 @@ def test_gradients_around_padding_are_finite():
     padded = PointCloud(jnp.zeros((3, 3)).at[0, 0].set(4.0), jnp.arange(3) < 1)
     slope = jax.grad(lambda p: surroundings(p, SPEC).xyz.sum(), allow_int=True)(padded)
     assert np.isfinite(slope.xyz).all() and np.asarray(slope.xyz)[0].any()
+
+
+def test_a_point_at_the_origin_or_overhead_has_no_surroundings_and_finite_gradients():
+    xyz = jnp.array([[4.0, 0, 0], [0, 0, 0], [0, 0, 2], [1e-20, 0, 9]])
+    points = PointCloud(xyz, jnp.ones(4, bool))
+    around = surroundings(points, SPEC).valid.reshape(4, -1)
+    assert around.any(1).tolist() == [True, False, False, False]
+    slope = jax.grad(lambda p: surroundings(p, SPEC).xyz.sum(), allow_int=True)(points)
+    assert np.isfinite(slope.xyz).all() and np.asarray(slope.xyz)[0].any()

@@ -145,8 +145,8 @@ def test_other_readers_of_mcap_decode_a_bag(apart, tmp_path):
     with path.open("rb") as file:
         reader = mcap.make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
-        assert summary.statistics.message_count == 1 + len(CUBES)
-        assert len([*reader.iter_messages()]) == 1 + len(CUBES)
+        assert summary.statistics.message_count == 2 + len(CUBES)
+        assert len([*reader.iter_messages()]) == 2 + len(CUBES)
     assert rosbags
     with AnyReader([path]) as reader:
         (topic,) = (c for c in reader.connections if c.topic == "/radar/frames")
@@ -161,7 +161,7 @@ def test_other_readers_of_mcap_decode_a_bag(apart, tmp_path):
 
 def test_a_killed_bag_holds_all_whole_frames(apart, tmp_path):
     recording = killed(apart, tmp_path / "walk.mcap", ("", b""))
-    assert any("cut off: its 5 whole messages" in note for note in recording.notes)
+    assert any("cut off: its 6 whole messages" in note for note in recording.notes)
     assert any("cut off" in n for n in describe_file(tmp_path / "walk.mcap")["notes"])
 
 
@@ -170,7 +170,7 @@ def test_a_bag_that_was_cut_off_gives_its_whole_frames(apart, tmp_path, keep):
     content = recorded(tmp_path, radar(apart)).read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(content[: int(keep * len(content))])
-    if keep == 0.1:
+    if keep < 0.4:  # before the first whole frame
         with pytest.raises(ValueError, match="cut.mcap"):
             open_recording(path)
         return
@@ -180,16 +180,26 @@ def test_a_bag_that_was_cut_off_gives_its_whole_frames(apart, tmp_path, keep):
     np.testing.assert_array_equal([*found.cubes], CUBES[:count])
 
 
-def test_a_damaged_chunk_is_named_or_left_out(apart, tmp_path):
+@pytest.mark.parametrize("end", [None, -100], ids=["whole", "cut off"])
+def test_a_damaged_chunk_costs_its_frames_and_is_counted(apart, tmp_path, end):
     content = bytearray(recorded(tmp_path, radar(apart)).read_bytes())
-    at = content.find(as_bytes([CUBES[1]]))
-    content[at] ^= 0xFF
-    (tmp_path / "bad.mcap").write_bytes(content)
-    with pytest.raises(ValueError, match=r"bad.mcap is not a whole bag.*mcap recover"):
-        open_recording(tmp_path / "bad.mcap")
-    (tmp_path / "cut.mcap").write_bytes(content[:-100])
-    found = open_recording(tmp_path / "cut.mcap")
+    content[content.find(as_bytes([CUBES[1]]))] ^= 0xFF
+    (tmp_path / "bad.mcap").write_bytes(content[:end])
+    found = open_recording(tmp_path / "bad.mcap")
     np.testing.assert_array_equal([*found.cubes], CUBES[[0, 2, 3]])
+    note = "1 damaged chunks in bad.mcap are left out, with"
+    assert any(text.startswith(note) for text in found.notes)
+
+
+@pytest.mark.parametrize("end", [None, -100], ids=["whole", "cut off"])
+@pytest.mark.parametrize("what", [b"RadarFrame", b"/radar/frames", b"iq_order"])
+def test_no_chunk_alone_describes_the_file(apart, tmp_path, what, end):
+    content = bytearray(recorded(tmp_path, radar(apart)).read_bytes())
+    chunk = content.find(b"\x06", content.find(b"/radar/frames"))
+    content[content.find(what, chunk)] ^= 0xFF  # in the first chunk
+    (tmp_path / "bad.mcap").write_bytes(content[:end])
+    found = open_recording(tmp_path / "bad.mcap")
+    np.testing.assert_array_equal([*found.cubes], CUBES)
     assert any("1 damaged chunks" in note for note in found.notes)
 
 
@@ -225,11 +235,12 @@ def test_a_clock_that_jumps_back_keeps_the_order(apart, tmp_path):
     assert any("not rising" in note for note in found.notes)
 
 
-def test_a_full_disk_is_named_and_leaves_the_frames_before(apart, small_disk):
-    path, written = small_disk / "walk.mcap", 0
+@pytest.mark.parametrize("name", ["walk", "walk.mcap"])
+def test_a_full_disk_is_named_and_leaves_the_frames_before(apart, small_disk, name):
+    path, written = small_disk / name, 0
     source, (frame, *_) = radar(apart), frames()
-    with pytest.raises(OSError, match="walk.mcap cannot be written .*the disk full"):
-        with BagRecorder(path, source) as recorder:
+    with pytest.raises(OSError, match=f"{name} cannot be written .*is the disk full"):
+        with open_recorder(path, source) as recorder:
             for written in range(100_000):
                 recorder.write(frame[0], 1.7e9 + 0.1 * written)
     assert len(open_recording(path).cubes) == written > 5

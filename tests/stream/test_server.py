@@ -2,8 +2,11 @@
 
 import contextlib
 import json
+import socket
 import struct
+import threading
 import time
+import types
 
 import pytest
 
@@ -191,6 +194,45 @@ def test_a_viewer_that_does_not_read_holds_up_nobody(server):
             server.write(frame)
         assert time.monotonic() - begin < PATIENCE_S / 2
         assert len(server._viewers[0]._waiting) <= BACKLOG
+
+
+def test_viewers_that_never_answer_delay_the_end_by_two_seconds_together():
+    server = Server(port=0)
+    with contextlib.ExitStack() as sockets:
+        for _ in range(20):
+            made = connected(server.port, max_queue=1, close_timeout=0.1)
+            viewer = sockets.enter_context(made)
+            ids = [channel["id"] for channel in advertised(viewer).values()]
+            wanted = [{"id": 100 + i, "channelId": i} for i in ids]
+            ask(viewer, "subscribe", subscriptions=wanted)
+        address = "127.0.0.1", server.port
+        silent = sockets.enter_context(socket.create_connection(address))
+        seen = lambda: sum(bool(v.subscriptions) for v in server._viewers)  # noqa: E731
+        wait_until(lambda: seen() == 20, "20 viewers")
+        for _ in range(BACKLOG):
+            server.write(frame_of(0, points=100_000))
+        ending, begin = threading.Thread(target=server.close, daemon=True), time.time()
+        ending.start()
+        ending.join(PATIENCE_S)
+        assert time.time() - begin < 4.0
+        silent.settimeout(PATIENCE_S)
+        assert silent.recv(1) == b""
+        wait_until(lambda: not server._viewers, "the last thread of a viewer")
+
+
+def test_files_are_closed_before_the_server(monkeypatch):
+    from jradar.cli.options import parser
+    from jradar.cli.streaming import open_writers
+    from jradar.outputs import writers
+
+    closed, close = [], Server.close
+    output = types.SimpleNamespace(close=lambda: closed.append("output"))
+    monkeypatch.setattr(writers, "open_writer", lambda *_, **options: output)
+    monkeypatch.setattr(Server, "close", lambda s: [closed.append("server"), close(s)])
+    with contextlib.ExitStack() as stack:
+        options = parser().parse_args(["live", "--serve", "0", "-o", "walk.mcap"])
+        open_writers(options, stack)
+    assert closed == ["output", "server"]
 
 
 def test_a_taken_port_is_named_and_the_end_closes_the_connections():

@@ -117,6 +117,7 @@ def test_a_radars_points_are_learnt_next_to_old_samples(records, start, tmp_path
     saved = load_model(tmp_path / "mine")
     assert "fine-tuned on 2 frames" in saved.card.purpose
     assert saved.card.radars == load_model(start).card.radars
+    assert saved.card.sent_points and not load_model(start).card.sent_points
 
 
 def test_old_frames_are_held_out_by_sequence(tmp_path):

@@ -37,8 +37,10 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
     shown = spectrum.images[0].get_array()  # [range, doppler]
     assert np.unravel_index(shown.argmax(), shown.shape) == (20, 3)
     drawn = {line.get_label(): line.get_xydata() for line in above.lines[:3]}
-    assert [*drawn] == ["LiDAR: 1", "detections: 2", "jradar: 1"]
-    np.testing.assert_allclose(drawn["detections: 2"][0], [1, 3])  # y left, x up
+    assert [*drawn] == ["LiDAR: 1", "radar points above the noise: 2", "jradar: 1"]
+    np.testing.assert_allclose(
+        drawn["radar points above the noise: 2"][0], [1, 3]
+    )  # y left, x up
     assert above.xaxis_inverted()
     assert np.isfinite(front.images[0].get_array().filled(np.nan)).sum() == 1
     assert "jradar" in front.get_title()
@@ -53,6 +55,19 @@ def test_a_capture_without_points_is_drawn():
     *_, above, front = figure.axes
     assert [len(line.get_xydata()) for line in above.lines[:2]] == [0, 0]
     assert np.isnan(front.images[0].get_array().filled(np.nan)).all()
+
+
+def test_confidence_colours_the_cloud_and_the_verdict_stands_below_the_title():
+    cloud = PointCloud.from_xyz(np.array([[3.0, 1, 0.2]]))
+    dense = PointCloud.from_xyz(np.array([[4.0, 0.5, 0.1], [5, 0, 0]]))
+    dense = dense._replace(confidence=jnp.array([0.9, 0.2]))
+    verdict = "55% of its points may be right"
+    figure = viz.capture_figure(cloud, IMAGE, dense=dense, title="a", verdict=verdict)
+    (drawn,) = figure.axes[0].collections
+    np.testing.assert_allclose(drawn.get_array(), [0.2, 0.9], rtol=1e-6)  # surest last
+    np.testing.assert_allclose(drawn.get_offsets(), [[0, 5], [0.5, 4]], atol=1e-6)
+    assert drawn.get_clim() == (0, 1) and drawn.get_label() == "jradar: 2"
+    assert figure.get_suptitle() == f"a\n{verdict}"
 
 
 def test_points_that_a_radar_sent_are_drawn_without_maps():

@@ -10,8 +10,8 @@ computer lost its power, a file can end anywhere:
 
     magic | header | chunk, index | chunk, index | half a chunk
 
-A file without a summary is scanned: the messages of all whole chunks are found, and a
-chunk whose checksum is wrong is left out.
+A file without a summary, or with a damaged one, is scanned: the messages of all whole
+chunks are found. A chunk whose checksum is wrong is left out, and `notes` count it.
 """
 
 import heapq
@@ -29,7 +29,8 @@ from jradar.recordings.bags.unpacking import MOST_BYTES, unpack
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # of a record: its kind and size
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
+DATA_END = 15
 FOOTER_BYTES = 20
 
 
@@ -43,23 +44,42 @@ class Part(NamedTuple):
 
 
 class McapFile:
-    """Schemas, channels and messages of a file; `notes` say what cannot be read."""
+    """Schemas, channels and messages of a file; `notes` say what cannot be read.
+
+    A damaged chunk may be found when its messages are read.
+    """
 
     def __init__(self, file: BinaryIO, name: str):
         """Read the summary, or scan; ValueError if there is no whole message."""
         need = f"{name} needs mcap"
         self._records = optional("mcap.records", need=need, extra="ros")
         self._reader = optional("mcap.stream_reader", need=need, extra="ros")
-        self._file, self._size = file, file.seek(0, io.SEEK_END)
+        self._file, self._size, self._name = file, file.seek(0, io.SEEK_END), name
         self.schemas, self.channels = dict[int, Any](), dict[int, Any]()
-        self.counts, self.notes = Counter[int](), tuple[str, ...]()
+        self.counts, self._lost = Counter[int](), Counter[int]()  # by channel
+        self._damaged, self._notes = list[Exception](), tuple[str, ...]()
         self._parts = list[Part]()
         self._latest: tuple[int, list[Any]] = -1, []  # part, and what is in it
-        summary = self._summary()
-        if not (summary and self._take(summary)):
-            self._scan(name, cut_off=summary is None)
+        try:
+            summary = self._summary()
+            known = bool(summary) and self._take(summary)
+        except Exception:  # damaged bytes can raise anything
+            summary, known = [], False
+            self._notes += (f"the index of {name} is damaged: its chunks are read",)
+        if not known:
+            self._scan(cut_off=summary is None)
         self._parts.sort(key=lambda part: part.first_ns)
         self.close = file.close
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is missing so far."""
+        if not self._damaged:
+            return self._notes
+        count, lost = len(self._damaged), self._lost.total()
+        note = f"{count} damaged chunks in {self._name} are left out"
+        note += f", with {lost} messages" if lost else ""
+        return *self._notes, f"{note} ({self._damaged[0]})"
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -75,18 +95,24 @@ class McapFile:
     ) -> Iterator[Any]:
         """Yield the messages of channels from `start` to before `stop`, by their times.
 
-        ValueError for a damaged chunk, or one that is too large.
+        A chunk that is damaged or too large is left out.
         """
         begin, end = -1 if start is None else start, 1 << 64 if stop is None else stop
         waiting, order = [], 0  # a heap of messages that a later part may precede
-        for part in self._parts:
+        for part in [*self._parts]:
             if part.last_ns < begin or part.first_ns >= end:
                 continue
             if part.channels and part.channels.isdisjoint(channels):
                 continue
             while waiting and waiting[0][0] < part.first_ns:
                 yield heapq.heappop(waiting)[-1]
-            for message in self._messages(part.at):
+            try:
+                found = [*self._messages(part.at)]
+            except Exception as error:  # damaged bytes can raise anything
+                self._parts.remove(part)
+                self._lose(part.at, error)
+                continue
+            for message in found:
                 if begin <= message.log_time < end and message.channel_id in channels:
                     order += 1
                     heapq.heappush(waiting, (message.log_time, order, message))
@@ -99,11 +125,14 @@ class McapFile:
         footer = self._read(max(at, 0), self._size)
         if not footer.endswith(MAGIC) or HEAD.unpack_from(footer) != (FOOTER, 20):
             return None
-        (start,) = struct.unpack_from("<Q", footer, HEAD.size)
+        start, _, check = struct.unpack_from("<QQI", footer, HEAD.size)
         if not start:
             return []
         if not len(MAGIC) < start <= at or at - start > MOST_BYTES:
             raise ValueError(f"its summary begins at byte {start:,} of {at:,}")
+        checked = self._read(start, self._size - len(MAGIC) - 4)
+        if check and zlib.crc32(checked) != check:
+            raise ValueError("its summary has a wrong checksum")
         read = self._reader.StreamReader
         stream = io.BytesIO(self._read(start, self._size))
         return [*read(stream, skip_magic=True, emit_chunks=True).records]
@@ -126,26 +155,41 @@ class McapFile:
         self.counts.update(counted.channel_message_counts)
         return True
 
-    def _scan(self, name: str, *, cut_off: bool) -> None:
-        self._parts, damaged, at = [], 0, len(MAGIC)
+    def _scan(self, *, cut_off: bool) -> None:
+        for found in (self._parts, self.schemas, self.channels, self.counts):
+            found.clear()
+        at = len(MAGIC)
         while (head := self._head(at)) and head[0] in range(1, DATA_END):
             if head[0] in (SCHEMA, CHANNEL, MESSAGE, CHUNK):
                 try:
                     self._add(at)
-                except Exception:  # damaged bytes can raise anything
-                    damaged += 1
+                except Exception as error:  # damaged bytes can raise anything
+                    self._lose(at, error)
             at += HEAD.size + head[1]
-        if not self._parts and (cut_off or damaged):
+        if not self._parts and (cut_off or self._damaged):
             raise ValueError("it was cut off before its first message")
         if cut_off:
             first, last = self.span_ns
             whole, seconds = self.counts.total(), 1e-9 * (last - first)
-            self.notes += (
-                f"{name} was cut off: its {whole:,} whole messages, of {seconds:.1f} "
-                f"s, are read; {self._size - at:,} bytes at its end are not",
+            self._notes += (
+                f"{self._name} was cut off: its {whole:,} whole messages, of "
+                f"{seconds:.1f} s, are read; {self._size - at:,} bytes at its end are "
+                "not",
             )
-        if damaged:
-            self.notes += (f"{damaged} damaged chunks in {name} are left out",)
+
+    def _lose(self, at: int, error: Exception) -> None:
+        """Count a damaged part, and its messages by the indexes that follow it."""
+        self._damaged.append(error)
+        lost, head = Counter[int](), self._head(at)
+        while head is not None:
+            at += HEAD.size + head[1]
+            head = self._head(at)
+            if head is None or head[0] != MESSAGE_INDEX:
+                break
+            (channel,) = struct.unpack("<H", self._read(at + HEAD.size, at + 11))
+            lost[channel] += (head[1] - 6) // 16
+        self._lost += lost
+        self.counts -= lost
 
     def _add(self, at: int) -> None:
         """Add a part if it holds messages, and the schemas and channels in it."""
@@ -179,7 +223,7 @@ class McapFile:
             if isinstance(record, self._records.Message):
                 yield record
 
-    def _unpacked(self, record: BinaryIO) -> bytes:
+    def _unpacked(self, record: io.BufferedIOBase) -> bytes:
         record.seek(HEAD.size)
         chunk = self._records.Chunk.read(self._reader.ReadDataStream(record))
         size, check = chunk.uncompressed_size, chunk.uncompressed_crc

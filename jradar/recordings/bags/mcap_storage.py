@@ -27,8 +27,13 @@ class McapStorage:
     """One file, with the methods that rosbags calls on a storage."""
 
     def __init__(self, path: Path):
-        self.path, self.notes = path, ()
+        self.path = path
         self.connections: list[Connection] = []
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What could not be read so far."""
+        return self._file.notes
 
     def open(self) -> None:
         """Read the index, or scan the file; ValueError without whole messages."""
@@ -38,7 +43,6 @@ class McapStorage:
             raise ValueError(why)
         self._file = McapFile(open_file(self.path), self.path.name)
         self.close = self._file.close
-        self.notes = self._file.notes
         self.connections = [self._connection(c) for c in self._file.channels.values()]
 
     def messages(
@@ -76,5 +80,18 @@ class WholeMcapStorage(McapStorage):
     def open(self) -> None:
         """Read the index; ValueError for a file that was cut off."""
         super().open()
+        self._refuse_losses()
+
+    def messages(
+        self,
+        connections: Collection[Connection],
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield as the base does; ValueError for a damaged chunk."""
+        yield from super().messages(connections, start, stop)
+        self._refuse_losses()
+
+    def _refuse_losses(self) -> None:
         if self.notes:
             raise ValueError(self.notes[0])

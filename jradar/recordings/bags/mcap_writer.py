@@ -6,8 +6,10 @@ package writes to a buffer, in pieces, and can write only one end:
     header | chunk, index | chunk, index | end       whole: any reader opens it
     header | chunk, index | chunk, index | chunk     the next chunk replaces the end
 
-A chunk reaches the system as a whole. If it does not fit on the disk, it is cut off.
-The file then has the chunks before it and an end without an index: readers scan it.
+Topics and their types are also written outside of chunks, and in the index, so that a
+damaged chunk costs its own messages alone. A chunk reaches the system as a whole. If it
+does not fit on the disk, it is cut off. The file then has the chunks before it and an
+end without an index: readers scan it.
 """
 
 import contextlib
@@ -42,7 +44,10 @@ class McapWriter:
 
     def __init__(self, path: Path, *, profile: str = "ros2", compress: bool = False):
         """Create the file; UsageError if it exists, ImportError without `mcap`."""
-        mcap = optional("mcap.writer", need=f"{path.name} needs mcap", extra="ros")
+        need = {"need": f"{path.name} needs mcap", "extra": "ros"}
+        mcap = optional("mcap.writer", **need)
+        self._records = optional("mcap.records", **need)
+        self._builder = optional("mcap.data_stream", **need).RecordBuilder
         kind = mcap.CompressionType.ZSTD if compress else mcap.CompressionType.NONE
         self._file, self._complete = _File(path), False
         self._writer = mcap.Writer(
@@ -62,12 +67,15 @@ class McapWriter:
 
     def add(self, topic: str, schema: Schema) -> None:
         """Add a topic."""
-        number = self._writer.register_schema(
-            schema.name, schema.encoding, schema.definition
-        )
-        self.topics[topic] = self._writer.register_channel(
-            topic, schema.messages, number, schema.metadata
-        )
+        kind, written = self._records, self._builder()
+        name, encoding, text = schema.name, schema.encoding, schema.definition
+        number = self._writer.register_schema(name, encoding, text)
+        kind.Schema(number, text, encoding, name).write(written)
+        described: Any = {"topic": topic, "message_encoding": schema.messages}
+        described |= {"schema_id": number, "metadata": schema.metadata}
+        self.topics[topic] = self._writer.register_channel(**described)
+        kind.Channel(id=self.topics[topic], **described).write(written)
+        self._file.write(written.end())
 
     def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
         """Add a message, with the time of its recording.

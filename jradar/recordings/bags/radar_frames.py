@@ -6,8 +6,9 @@
       uint32 lost_bytes    number of bytes that never came, and are zeros
       int16[] samples      as the capture card sent them: [chirp][tx][rx][sample], with
                            I and Q in the order of the description
-    /radar/description   std_msgs/String, once: the radar's TOML (`radar_toml`), with
-                         its calibration and its place on the rig, if they are known
+    /radar/description   std_msgs/String: the radar's TOML (`radar_toml`), with its
+                         calibration and its place on the rig, if they are known; before
+                         the first two frames and every 1,000, so that one is whole
 
 The file holds the definitions of both types, so any reader of MCAP decodes it. The time
 of recording is the stamp, or a nanosecond after the frame before if the clock jumps
@@ -48,6 +49,7 @@ int32 sec
 uint32 nanosec
 """
 LITTLE_ENDIAN = b"\0\1\0\0"  # of CDR
+DESCRIBED = 1000  # frames from one description to the next
 FRAME_ID = b"radar\0\0\0"  # with its padding
 
 
@@ -75,7 +77,9 @@ class BagRecorder:
         stamp = round(stamp_s * NS)
         if not self.frames:
             self._time_ns = stamp - 1
+        if self.frames == 1 or self.frames % DESCRIBED == 0:
             self._file.write(DESCRIPTION, self._time_ns, self._description())
+            self._file.flush()  # so that no chunk holds two
         self._time_ns = max(self._time_ns + 1, stamp)
         seconds, nanoseconds = divmod(stamp, NS)
         head = struct.pack(

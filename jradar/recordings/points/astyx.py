@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from jradar.errors import parsing
-from jradar.files import check_unpacked
 from jradar.recordings.points.frames import points_recording
+from jradar.recordings.points.packed import holds_arrays, read_arrays
 from jradar.recordings.recording import Format, Recording, Stream
 
 MAX_BYTES = 4 << 30
@@ -31,9 +31,7 @@ def open_astyx(path: Path | str) -> Recording:
     """Open the frames of a packed file; ValueError if its arrays do not fit."""
     path = Path(path)
     with parsing(path, "a packed .npz of Astyx"):
-        check_unpacked(path, limit=MAX_BYTES)
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in ARRAYS}
+        arrays = read_arrays(path, ARRAYS, limit=MAX_BYTES)
         radar, lidar = (_rows(arrays, name) for name in ("radar", "lidar"))
         stamps = 1e-6 * arrays["lidar_time_us"]
 
@@ -61,23 +59,11 @@ def open_astyx(path: Path | str) -> Recording:
     )
 
 
-def is_astyx(path: Path) -> bool:
-    """True for an NPZ file with these arrays."""
-    return path.suffix == ".npz" and ARRAYS <= names_of_npz(path)
-
-
-READER = Format("frames of Astyx HiRes, packed as .npz", is_astyx, open_astyx)
-
-
-def names_of_npz(path: Path) -> set[str]:
-    """Return the names of the arrays in a file, none if it cannot be read."""
-    if not path.is_file():
-        return set()
-    try:
-        with parsing(path, "a .npz"), np.load(path, allow_pickle=False) as archive:
-            return {*archive.files}
-    except (OSError, ValueError):
-        return set()
+READER = Format(
+    "frames of Astyx HiRes, packed as .npz",
+    lambda path: holds_arrays(path, ARRAYS),
+    open_astyx,
+)
 
 
 def _rows(arrays, name) -> list[slice]:

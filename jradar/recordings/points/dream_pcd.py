@@ -16,10 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from jradar.errors import parsing
-from jradar.files import check_unpacked
-from jradar.recordings.points.astyx import names_of_npz
 from jradar.recordings.points.fields import FORWARD
 from jradar.recordings.points.frames import points_recording
+from jradar.recordings.points.packed import holds_arrays, read_arrays
 from jradar.recordings.points.poses import poses_of_matrices
 from jradar.recordings.recording import Format, Recording, Stream
 
@@ -34,9 +33,8 @@ def open_dream_pcd(path: Path | str) -> Recording:
     """Open the frames of a packed file; ValueError if its arrays do not fit."""
     path = Path(path)
     with parsing(path, "a packed .npz of DREAM-PCD"):
-        check_unpacked(path, limit=MAX_BYTES)
-        with np.load(path, allow_pickle=False) as archive:
-            points, frame, numbers, matrices = (archive[name] for name in ARRAYS)
+        arrays = read_arrays(path, ARRAYS, limit=MAX_BYTES)
+        points, frame, numbers, matrices = arrays.values()
         if points.shape != (len(frame), COLUMNS) or (np.diff(frame) < 0).any():
             raise ValueError(f"points of shape {points.shape}, of {len(frame)} frames")
         turn = np.eye(4)
@@ -67,6 +65,6 @@ def open_dream_pcd(path: Path | str) -> Recording:
 
 READER = Format(
     "frames of DREAM-PCD, packed as .npz",
-    lambda path: path.suffix == ".npz" and {*ARRAYS} <= names_of_npz(path),
+    lambda path: holds_arrays(path, ARRAYS),
     open_dream_pcd,
 )
