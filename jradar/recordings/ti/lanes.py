@@ -40,8 +40,8 @@ ADVICE = (
     "half of the samples are missing: after each two that were stored, two were lost, "
     "as happens if four LVDS lanes are enabled and the card takes two. Each echo has a "
     "ghost half the range axis away, and ranges are wrong: record again with two "
-    f"lanes, {TWO}. To use these samples, set lanes = 4 in [file] of a .toml, with "
-    "num_samples as configured"
+    f"lanes, {TWO}. To use these samples, set lanes = 4 in [file] of a .toml, and "
+    "num_samples and sample_rate_hz as they were configured"
 )
 WARNING = (
     "four LVDS lanes are enabled, and a card takes two from this board: half of the "
