@@ -50,7 +50,7 @@ def count(
 
 def recording(sub: Options) -> None:
     """Add the options of opening a recording."""
-    text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
+    text = "description of the radar: a .toml, .cfg or .lua, a log or a calib folder"
     option(sub, "--radar", "FILE", text)
     device(sub)
     sub.add_argument(
@@ -68,8 +68,8 @@ def recording(sub: Options) -> None:
 
 
 def device(sub: Options) -> None:
-    """Add the option that names the board of a .cfg."""
-    text = f"board that a .cfg was written for: {', '.join(BOARDS)} (default: awr1843)"
+    """Add the option that names the board of a .cfg or .lua."""
+    text = f"board of a .cfg, .lua or .json: {', '.join(BOARDS)} (default: awr1843)"
     option(sub, "--device", "NAME", text, choices=tuple(BOARDS))
 
 

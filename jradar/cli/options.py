@@ -20,8 +20,8 @@ PATH is a recording:
 
   cube.npy        complex samples; --radar names a TOML file that describes the
                   radar and the axes of the cube
-  adc_data.bin    a capture of TI's DCA1000; --radar names the log of mmWave Studio,
-                  the .cfg of the mmWave SDK or a TOML file
+  adc_data.bin    a capture of TI's DCA1000; --radar names the script (.lua) or log of
+                  mmWave Studio, the .cfg of the mmWave SDK or a TOML file
   walk.mcap       a file of jradar record, which describes its radar
   points          that a radar sends: a ROS bag, a serial stream of TI's demo (.dat),
                   .ply, .pcd, .csv, .npz or a folder of them; what needs samples says so
@@ -34,8 +34,8 @@ FILES_HELP = """
 
 PATH can also be a bag (.bag, .mcap, .db3 or a ROS 2 folder) or a point cloud (.ply,
 .pcd, or a .bin of KITTI or of ColoRadar's LiDAR). It can be a radar's configuration
-(.cfg, .toml, a log or .json of mmWave Studio), too: then jradar prints what the radar
-measures, and whether its board can run it."""
+(.cfg, .toml, a .lua, log or .json of mmWave Studio), too: then jradar prints what the
+radar measures, and whether its board can run it."""
 PREPARE_HELP = """
 
 PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same

@@ -50,6 +50,9 @@ MOST_ANTENNAS = 256  # transmitters, or receivers
 FARTHEST = 1024  # column or row of an antenna
 MOST_IN_FRAME = 1 << 28  # samples, 2 GiB
 
+RAMP = ("adc_start_time_s", "num_samples", "sample_rate_hz", "ramp_end_time_s")
+TOO_LATE = "sampling ends"
+
 Positions = tuple[tuple[int, int], ...]
 
 
@@ -109,7 +112,7 @@ class RadarSpec:
         end_s = self.adc_start_time_s + self.num_samples / self.sample_rate_hz
         if end_s > self.ramp_end_time_s * 1.001:
             raise ValueError(
-                f"sampling ends {end_s * 1e6:.2f} us into the chirp, after "
+                f"{TOO_LATE} {end_s * 1e6:.2f} us into the chirp, after "
                 f"ramp_end_time_s = {self.ramp_end_time_s * 1e6:.2f} us: are the times "
                 "in seconds?"
             )
@@ -313,7 +316,16 @@ class RadarSpec:
                 f"missing radar fields: {', '.join(missing)} "
                 f"(or start from a device: {', '.join(RECORDED)})"
             )
-        found = cls(**complete)
+        try:
+            found = cls(**complete)
+        except ValueError as error:
+            assumed = [n for n in RAMP if n in complete and n not in given]
+            if start.device is None or not assumed or TOO_LATE not in str(error):
+                raise
+            raise ValueError(
+                f"{error} Not described, and taken from the {start.device}: "
+                f"{', '.join(assumed)}"
+            ) from error
         return found.upside_down() if start.upside_down else found
 
     def upside_down(self) -> "RadarSpec":

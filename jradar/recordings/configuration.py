@@ -14,6 +14,7 @@ from jradar.options.sensor import RadarSpec
 from jradar.options.suiting import unsuited
 from jradar.recordings.describe import describe_radar
 from jradar.recordings.descriptions import read_description
+from jradar.recordings.ti import lanes
 from jradar.recordings.ti.dca1000 import bytes_of_frame
 
 MOST_DUTY = 50.0  # % of the time in which a transmitter is on
@@ -58,7 +59,7 @@ def describe_configuration(
         },
         "the board can run it": f"no: {', '.join(failed)}" if failed else "yes",
         "limits": [check._asdict() | {"fits": check.fits} for check in checks],
-        "notes": [*found.notes, *_hints(radar)],
+        "notes": [*found.notes, *_hints(radar), *lanes.warnings(*found[:2])],
     }
 
 

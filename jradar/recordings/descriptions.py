@@ -20,6 +20,7 @@ from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, read
 from jradar.recordings.ti.cfg import read_cfg
 from jradar.recordings.ti.frame import CaptureSpec
+from jradar.recordings.ti.lua import read_lua
 from jradar.recordings.ti.mmwave_json import read_mmwave_json
 from jradar.recordings.ti.studio_log import read_studio_log
 
@@ -27,6 +28,7 @@ from jradar.recordings.ti.studio_log import read_studio_log
 SIGNS = {
     ".toml": b"[radar]",
     ".cfg": b"profileCfg",
+    ".lua": b"ar1.ProfileConfig",
     ".json": b'"mmWaveDevices"',
     ".txt": b"API:ProfileConfig",
     ".csv": b"API:ProfileConfig",
@@ -62,6 +64,12 @@ DESCRIPTIONS = (
         ("configuration",),
     ),
     Format(
+        "a .lua script of mmWave Studio",
+        lambda path: path.suffix == ".lua",
+        lambda path, **options: Description(*read_lua(path, **options)),
+        ("device",),
+    ),
+    Format(
         "an .mmwave.json of mmWave Studio",
         lambda path: path.suffix == ".json",
         lambda path, **options: Description(*read_mmwave_json(path, **options)),
@@ -84,9 +92,9 @@ def is_description(path: Path | str) -> bool:
 def read_description(path: Path | str, *, device: str | None = None) -> Description:
     """Return the radar that a file or folder describes.
 
-    `device` is the board of a .cfg or .json. Raises FileNotFoundError for a missing
-    path, and UsageError for an unknown kind of file, a `device` that does not apply and
-    a configuration that a log does not hold.
+    `device` is the board of a .cfg, .lua or .json. Raises FileNotFoundError for a
+    missing path, and UsageError for an unknown kind of file, a `device` that does not
+    apply and a configuration that a log does not hold.
     """
     path, number = Path(path), None
     numbered = re.fullmatch(r"(.+)#(\d{1,6})", path.name)

@@ -6,6 +6,7 @@
     [file]                              all optional
     axes = ["frame", "chirp", "tx", "rx", "sample"]       of a cube.npy
     iq_order = "IIQQ"                   of an adc_data.bin, see `iq_order`
+    lanes = 4                           enabled, of which a card took two, see `lanes`
 
     [calibration]                       all optional, as `jradar calibrate` writes it
     range_bias_m = 0.066                subtracted from measured ranges
@@ -38,7 +39,8 @@ from jradar.options.sensor import RadarSpec
 from jradar.recordings.text_files import check_names, radar_of, toml
 from jradar.recordings.ti.frame import CaptureSpec
 
-FILE_KEYS = ("axes", "iq_order")
+FILE_KEYS = ("axes", "iq_order", "lanes")
+LANES = (0, 1, 2, 4)
 MOUNT = ("xyz", "quaternion")
 CALIBRATION_KEYS = ("range_bias_m", "gain_db", "phase_degrees")
 LARGEST = {"gain_db": 60.0, "phase_degrees": 720.0}  # beyond, another unit
@@ -66,6 +68,12 @@ def radar_of_tables(
     if (order := stored.get("iq_order", CaptureSpec.iq_order)) not in IQ_ORDERS:
         raise UsageError(
             f"{path}: iq_order = {order!r:.40}, expected one of {', '.join(IQ_ORDERS)}"
+        )
+    lanes = stored.get("lanes", CaptureSpec.lanes)
+    if type(lanes) is not int or lanes not in LANES:
+        raise UsageError(
+            f"{path}: lanes = {lanes!r:.40}, expected 1, 2 or 4 LVDS lanes, or 0 if "
+            "they are unknown"
         )
     board = BOARDS.get(values.get("device", ""))
     factors: tuple[complex, ...] = ()
@@ -95,6 +103,7 @@ def radar_of_tables(
         range_bias_m=float(bias),
         channel_factors=factors,
         mount=tuple(map(float, numbers)) if place else (),
+        lanes=lanes,
     )
 
 

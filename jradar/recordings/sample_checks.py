@@ -5,6 +5,7 @@
     other byte order  big-endian samples read as little-endian
     offset binary     unsigned samples, 0 at the most negative voltage
     other antennas    chirps that repeat with another number of transmitters
+    half chirps       the halves of a chirp, each taken for a whole one
 
 `check_samples` takes a frame as it was recorded, before any calibration.
 """
@@ -41,7 +42,9 @@ CHIRPS = 256  # whose spectra are compared
 # Echoes of chirps from the same antenna agree, but for the phase of motion that all
 # share in a range bin; those from different antennas differ in phase by direction.
 STRONG_BINS = 8
-AGREE, APART = 0.9, 0.3  # of correlations
+# One strong echo ahead may differ little: in a real capture by 0.26 of a correlation of
+# 1, where the same antennas differ by 0.00001.
+AGREE, APART, TIMES = 0.9, 0.1, 5
 READINGS = {
     "in the other byte order": (
         lambda words: words.byteswap(),
@@ -167,13 +170,27 @@ def _antenna_doubts(cube):
     if len(strong) < 12 or not strong.size:
         return
     taken = agreement(count)
-    found = {n: agreement(n) for n in (2, 3) if n != count}
-    best = max(found, key=lambda n: found[n])
-    if found[best] > AGREE and found[best] - taken > APART:
+    numbers = {2, 3, 2 * count} - {count}
+    for number in sorted(n for n in numbers if 4 * n <= len(strong)):
+        found = agreement(number)
+        if found > AGREE and 1 - taken > max(APART, TIMES * (1 - found)):
+            break
+    else:
+        return
+    if number in (2, 3):
         yield (
-            f"the chirps repeat after {best}, not after {count} as described: targets "
-            f"appear as {best} ghosts; describe the radar with {best} transmit antennas"
+            f"the chirps repeat after {number}, not after {count} as described: "
+            f"targets appear as {number} ghosts; describe the radar with {number} "
+            "transmit antennas"
         )
+        return
+    size = cube.shape[-1]
+    yield (
+        f"the chirps repeat after {number}, not after {count} as described, as halves "
+        "of chirps do: an echo then has several velocities, and wrong ranges; describe "
+        f"the radar with {2 * size} samples per chirp instead of {size}, or with twice "
+        "as many receivers"
+    )
 
 
 def _floor(words):

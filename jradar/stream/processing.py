@@ -24,6 +24,7 @@ from jradar.pipeline.stages import Measured
 from jradar.pipeline.together import MOST_POINTS
 from jradar.radar import PointSpec
 from jradar.recordings import Recording, Stream, nearest_scan
+from jradar.recordings.ti import lanes
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
 from jradar.types import SIZES, PointCloud
@@ -53,7 +54,7 @@ def radar_on_the_cable(
         cubes=Stream([].__getitem__, 0),
         base_from_radar=capture.base_from_radar(),
         iq_order=capture.iq_order,
-        notes=notes,
+        notes=(*notes, *lanes.warnings(radar, capture)),
     )
 
 

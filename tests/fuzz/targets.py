@@ -27,7 +27,7 @@ from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
 from tests.models import tiny_model
-from tests.recordings import bag_writer as bags, cube_writer, small_sequence
+from tests.recordings import bag_writer as bags, cube_writer, lua_writer, small_sequence
 from tests.recordings.bags import test_imu as imu_bags, test_raw as raw_bags
 from tests.recordings.clouds.test_read import pcd, ply
 from tests.recordings.coloradar_writer import coupling_text, phases_text
@@ -260,6 +260,7 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "radar.toml": text("radar.toml", cube_writer.RADAR, read_description),
     "radar.cfg": text("radar.cfg", CFG, read_description),
     "studio log": text("LogFile.txt", cube_writer.LOG + SECOND, read_description),
+    "studio lua": text("a.lua", lua_writer.script(), read_description),
     "mmwave.json": text("a.mmwave.json", json.dumps(STUDIO), read_description),
     "capture.toml": target(capture, described, "capture.toml"),
     "samples": target(studio, described),

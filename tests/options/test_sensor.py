@@ -130,3 +130,22 @@ def test_a_simple_radar_has_the_textbooks_resolutions():
     assert (radar.name, radar.cube_shape) == ("24 GHz", (1, 4, 32, 256))
     with pytest.raises(ValueError, match="idle_time_s = -0.0004"):
         RadarSpec.simple(**SIMPLE, period_s=1e-4)
+
+
+def test_times_of_a_board_are_named_as_such():
+    """A longer chirp, whose end is still that of the device."""
+    with pytest.raises(
+        ValueError, match="sampling ends 32.00 us .* Not described, and"
+    ) as e:
+        RadarSpec.named("awr1843", num_samples=256, sample_rate_hz=10.24e6)
+    assert str(e.value).endswith(
+        "taken from the awr1843: adc_start_time_s, ramp_end_time_s"
+    )
+    with pytest.raises(ValueError, match="in seconds.$"):
+        RadarSpec.named(
+            "awr1843",
+            **{"num_samples": 256, "sample_rate_hz": 10.24e6, "ramp_end_time_s": 2e-5},
+            adc_start_time_s=7e-6,
+        )
+    with pytest.raises(ValueError, match="unit.$"):
+        RadarSpec.named("awr1843", num_samples=1 << 20)

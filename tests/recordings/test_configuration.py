@@ -10,6 +10,7 @@ import pytest
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import describe_configuration, write_radar_toml
 from jradar.recordings.configuration import board_checks, link_mbps
+from tests.recordings.lua_writer import FOUR_LANES, TWO_LANES, script
 
 SPEC = RadarSpec.awr1843(frame_period_s=0.1)
 
@@ -40,6 +41,17 @@ def test_a_configuration_is_described_with_a_verdict(samples, file):
     assert reason in found["models"]["jradar-sim"]
     assert "no elevation" not in found["models"]["radarhd"]  # which needs none
     assert "jradar-maps" not in found["models"]  # which sees no radar's frames
+
+
+@pytest.mark.parametrize("lanes", [TWO_LANES, FOUR_LANES])
+def test_four_lanes_are_named_before_anything_is_recorded(tmp_path, lanes):
+    path = tmp_path / "capture.lua"
+    path.write_text(script(lanes=lanes))
+    notes = describe_configuration(path)["notes"]
+    lost = ["half of the samples may be lost" in note for note in notes]
+    assert lost == [True] * (lanes == FOUR_LANES)
+    path.write_text(script(lanes=lanes, chip="XWR1443"))
+    assert describe_configuration(path)["notes"] == []
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,21 @@
 """A radar's TOML file: what is written is read back, and wrong values are named."""
 
 import dataclasses
+import itertools
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from jradar import recordings
 from jradar.errors import UsageError
 from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.recordings import open_recording, read_description, write_radar_toml
 from tests.recordings.coloradar_writer import write
 from tests.recordings.cube_writer import random_cube, save
 
+README = Path(recordings.__file__).parent / "README.md"
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=16, frame_period_s=0.1)
 WAVEFORM = """start_frequency_hz = 60e9\nslope_hz_per_s = 60e12
 sample_rate_hz = 5e6\nnum_samples = 64\nnum_chirps = 8\nidle_time_s = 1e-4
@@ -88,6 +93,8 @@ def test_the_signs_of_receivers_unless_measured(tmp_path, device, tables, factor
         ("[calibration]\nrange_bias_m = 66", "within the radar's"),
         ("[calibration]\nphases = []", "unknown key of .calibration. 'phases'"),
         ("[file]\niq_order = 'QI'", "iq_order = 'QI', expected one of"),
+        ("[file]\nlanes = 3", "lanes = 3, expected 1, 2 or 4 LVDS lanes"),
+        ("[file]\nlanes = true", "lanes = True, expected 1, 2 or 4 LVDS lanes"),
         ("[file]\naxis = []", "unknown key of .file. 'axis', expected axes"),
     ],
 )
@@ -95,3 +102,25 @@ def test_wrong_values_are_named(tmp_path, tables, message):
     text = f'[radar]\ndevice = "awr1843"\n\n{tables}\n'
     with pytest.raises(UsageError, match=message):
         read_description(write(tmp_path / "radar.toml", text))
+
+
+def test_the_page_lists_every_field_with_its_default():
+    lines = README.read_text().splitlines()
+    start = lines.index("| field | meaning and unit | `awr1843` |") + 2
+    rows = {}
+    for line in itertools.takewhile(str.strip, lines[start:]):
+        name, meaning, default = (cell.strip() for cell in line.strip("|").split("|"))
+        rows[name.strip("`")] = meaning, default
+    radar = RadarSpec.awr1843()
+    expected = {"upside_down": "false"}
+    for field in dataclasses.fields(RadarSpec):
+        value = getattr(radar, field.name)
+        if isinstance(value, tuple | bool):
+            expected[field.name] = json.dumps(value)
+        else:
+            expected[field.name] = value if field.name == "name" else f"{value:g}"
+        optional = field.default is not dataclasses.MISSING or field.name == "name"
+        assert ("optional" in rows[field.name][0]) == optional, field.name
+    rows.pop("device")
+    assert {name: default for name, (_, default) in rows.items()} == expected
+    assert list(rows) == list(expected)

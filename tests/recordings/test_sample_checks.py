@@ -146,3 +146,35 @@ def test_chirps_of_another_number_of_antennas_are_named(sent, taken, speed):
     assert check_samples(cube).doubts == ()
     (doubt,) = check_samples(split(cube, taken)).doubts
     assert f"repeat after {sent}, not after {taken}" in doubt
+
+
+def test_halves_of_chirps_are_no_chirps(samples):
+    """A real capture of 3 transmitters, read with half its samples."""
+    words = np.fromfile(samples / "awr1843_3tx" / "adc_data_Raw_0.bin", "<i2")
+    words = words.reshape(128, 3, 4, 64, 2, 2).transpose(4, 1, 2, 0, 3, 5)
+    cube = of_words(words.reshape(2, 3, 4, 128, 128))
+    for first in range(0, 128, 16):
+        (doubt,) = check_samples(cube[:, :, first : first + 16]).doubts
+        assert "repeat after 6, not after 3" in doubt
+        assert "with 256 samples per chirp instead of 128" in doubt
+
+
+def test_a_real_echo_ahead_of_two_antennas_instead_of_three(samples):
+    words = np.fromfile(samples / "awr1843_3tx" / "adc_data_Raw_0.bin", "<i2")
+    words = words.reshape(96, 2, 4, 128, 2, 2).transpose(4, 1, 2, 0, 3, 5)
+    (doubt,) = check_samples(of_words(words.reshape(2, 2, 4, 96, 256))).doubts
+    assert "repeat after 3, not after 2" in doubt
+
+
+@pytest.mark.parametrize("sent", [2, 3])
+def test_halves_of_simulated_chirps(sent):
+    full = RadarSpec.awr1843(num_chirps=48, num_samples=128)
+    fewer = {"tx_firing_order": tuple(range(sent))}
+    radar = dataclasses.replace(full, tx_positions=full.tx_positions[:sent], **fewer)
+    key = jax.random.key(0)
+    place = jax.random.uniform(key, (12, 3), minval=-3.0, maxval=3.0)
+    targets = Scatterers(place + np.array([6.0, 0, 0]), np.zeros(12), np.full(12, 3e3))
+    cube = np.rint(np.asarray(simulate_cube(key, targets, radar, noise_power=1.0)))
+    halves = np.moveaxis(cube, 2, 0).reshape(96, sent, 4, 64)
+    (doubt,) = check_samples(np.moveaxis(halves, 0, 2)).doubts
+    assert f"repeat after {2 * sent}, not after {sent}" in doubt

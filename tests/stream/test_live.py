@@ -17,6 +17,7 @@ from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
 from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
+from tests.recordings.lua_writer import FOUR_LANES, script
 from tests.recordings.ti.test_dca1000 import CFG
 from tests.stream.loops import PATIENCE_S, RACES, deliver, loop, wait_until
 
@@ -186,3 +187,12 @@ def test_headers_between_the_chirps_are_refused(tmp_path):
     (tmp_path / "profile.cfg").write_text(CFG + "lvdsStreamCfg -1 1 1 0\n")
     with pytest.raises(ValueError, match="puts headers between the chirps"):
         radar_on_the_cable(tmp_path / "profile.cfg")
+
+
+def test_four_lanes_on_the_cable_are_named(tmp_path):
+    path = tmp_path / "capture.lua"
+    path.write_text(script(lanes=FOUR_LANES))
+    [note] = radar_on_the_cable(path).notes
+    assert "a card takes two" in note
+    path.write_text(script())
+    assert radar_on_the_cable(path).notes == ()

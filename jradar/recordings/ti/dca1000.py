@@ -28,7 +28,13 @@ from jradar.recordings.descriptions import (
     read_description,
 )
 from jradar.recordings.recording import Format, Recording, Stream
-from jradar.recordings.ti.iq_order import advise_iq_order, check_iq_order, cube_of_words
+from jradar.recordings.ti import lanes
+from jradar.recordings.ti.iq_order import (
+    TWO_LANES,
+    advise_iq_order,
+    check_iq_order,
+    cube_of_words,
+)
 from jradar.recordings.ti.packets import (
     PAYLOAD,
     Files,
@@ -38,13 +44,17 @@ from jradar.recordings.ti.packets import (
     lost_per_frame,
 )
 
-DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.json", "*.toml")
+DESCRIPTION_NAMES = (
+    *("*LogFile*.txt", "*LogFile*.csv", "*.lua"),
+    *("*.cfg", "*.json", "*.toml"),
+)
 USUAL = {  # sizes of a frame, suggested where a description does not fit
     "samples": (64, 128, 200, 250, 256, 512, 1024),
     "chirps": (1, 16, 32, 64, 96, 100, 128, 255, 256),
     "rx": (1, 2, 3, 4),
     "tx": (1, 2, 3),
 }
+LOOKED_AT = 5  # frames that may show whether samples are missing
 PCAP = "a packet trace: name it .pcap or .pcapng"
 SEPARATED = "data-separated: set dataLoggingMode to raw and record again"
 FOREIGN = {  # first bytes of files that are not captures
@@ -142,7 +152,12 @@ def recording_of_samples(
     in `open_dca1000`.
     """
     radar, capture, doubts = described
-    order, frame_bytes = capture.iq_order, bytes_of_frame(radar)
+    order, missing = capture.iq_order, None
+    if lanes.may_be_halved(radar, capture.lanes, order):
+        missing = _missing(source, described)
+        radar = lanes.halved(radar) if missing else radar
+        doubts = (*doubts, lanes.note(radar, missing))
+    frame_bytes = bytes_of_frame(radar)
     count, rest = divmod(source.size, frame_bytes)
     if not count or (rest and not allow_partial):
         misfit = _does_not_fit(path, source.size, radar)
@@ -153,7 +168,8 @@ def recording_of_samples(
 
     def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
-        return cube_of_words(raw.view("<i2"), radar, order)
+        cube = cube_of_words(raw.view("<i2"), radar, order)
+        return lanes.restored(cube) if missing else cube
 
     notes, lost, whole = [*doubts], None, 0
     if isinstance(source, Files) and len(source.paths) > 1:
@@ -164,8 +180,12 @@ def recording_of_samples(
         lost = lost_per_frame(source, frame_bytes, count)
         notes += _losses(source, lost)
         whole = int(lost.argmin())
-    if advice := advise_iq_order(read(whole), order=order):
-        notes.append(advice)
+    if missing is not True:
+        seen = read(whole)
+        if advice := advise_iq_order(seen, order=order):
+            notes.append(advice)
+        elif order in TWO_LANES and lanes.samples_missing(seen):
+            notes.append(lanes.ADVICE)
     return Recording(
         name=name,
         path=path,
@@ -211,6 +231,23 @@ def _files(path: Path) -> tuple[Files, str]:
         if begin.startswith(magic) or inside:
             raise ValueError(f"{path} is {what}")
     return files, name
+
+
+def _missing(source: Files | Packets, described: Description) -> bool:
+    """Return whether every other pair of samples is missing, of four lanes.
+
+    The first frames that show it decide, or else whether all bytes are there.
+    """
+    radar, capture, _ = described
+    stored = lanes.halved(radar)
+    size = bytes_of_frame(stored)
+    for index in range(min(source.size // size, LOOKED_AT)):
+        words = source.read(index * size, (index + 1) * size).view("<i2")
+        cube = cube_of_words(words, stored, capture.iq_order)
+        if (found := lanes.samples_missing(cube)) is not None:
+            return found
+    asked = capture.frames * bytes_of_frame(radar)
+    return not asked or source.size < asked
 
 
 def bytes_of_frame(radar: RadarSpec) -> int:

@@ -49,6 +49,8 @@ class CaptureSpec:
     range_bias_m: float = 0.0  # by which measured ranges are too long
     channel_factors: tuple[complex, ...] = ()  # per virtual antenna, in cube order
     mount: tuple[float, ...] = ()  # on the base: x y z and a quaternion, if measured
+    lanes: int = 0  # on which the radar sends, see the module `lanes`; 0 if unknown
+    frames: int = 0  # that were asked for; 0 if unknown, or without end
 
     def radar(self, spec: RadarSpec) -> "jradar.Radar":
         """Return the radar with these factors, if they change anything, and bias."""

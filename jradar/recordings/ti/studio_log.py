@@ -39,7 +39,9 @@ PLACES = {
     # first and last; profile, 4 variations, transmitters as a mask or as flags
     "ChirpConfig": [*range(8)],
     "FrameConfig": [0, 1, 3, 4],  # first and last chirp, turns, period
+    "LaneConfig": [0],  # the mask of LVDS lanes
 }
+OPTIONAL = {"LaneConfig"}
 NUMBERS = {"ProfileConfig": 1, "ChirpConfig": 2}  # leading fields that name the object
 ENDS = ("FrameConfig", "SensorStart")  # of a configuration
 MOST_SHOWN = 5  # configurations in a note
@@ -63,16 +65,20 @@ def read_studio_log(
     if not 1 <= taken <= count:
         raise UsageError(f"{path} has no configuration {taken}, expected 1 to {count}")
     radars: dict[int, RadarSpec | ValueError] = {}
+    lanes: dict[int, int] = {}
     for number, now in enumerate(_replay(path), 1):
         if number == taken or number > count - MOST_SHOWN:
+            (mask,) = now.get("LaneConfig", {}).get((), (0,))
+            lanes[number] = int(mask).bit_count()
             try:
                 radars[number] = _radar(path, now)
             except ValueError as error:
                 radars[number] = error
     if isinstance(radar := radars[taken], ValueError):
         raise radar
+    capture = CaptureSpec(lanes=lanes[taken])
     if count == 1:
-        return radar, CaptureSpec(), ()
+        return radar, capture, ()
     shown = (n for n in sorted(radars) if n > count - MOST_SHOWN)
     sizes = "; ".join(f"#{number} {_size(radars[number])}" for number in shown)
     note = (
@@ -80,7 +86,7 @@ def read_studio_log(
         f"range bin, frame period: {sizes}); #{taken} was taken, --radar {path}#1 "
         "names another"
     )
-    return radar, CaptureSpec(), (note,)
+    return radar, capture, (note,)
 
 
 def _size(radar: RadarSpec | ValueError) -> str:
@@ -130,10 +136,11 @@ def _replay(path: Path | str) -> Iterator[Configuration]:
             named, kept = NUMBERS.get(name, 0), now.setdefault(name, {})
             changed |= kept.pop(fields[:named], None) != fields[named:]
             kept[fields[:named]] = fields[named:]  # the latest stands last
-        if name in ENDS and changed and PLACES.keys() == now.keys():
+        if name in ENDS and changed and PLACES.keys() - OPTIONAL <= now.keys():
             changed, found = False, found + 1
             yield now
-    if missing := ", ".join(name for name in PLACES if name not in now):
+    needed = [name for name in PLACES if name not in OPTIONAL]
+    if missing := ", ".join(name for name in needed if name not in now):
         raise ValueError(f"{path}: no {missing}: is it the log of mmWave Studio?")
     if not found:
         yield now

@@ -72,6 +72,15 @@ def test_what_changes_no_sample_is_no_other_configuration(log):
     assert read_description(log(LOG + more)).notes == ()
 
 
+def test_the_lanes_that_a_log_enables(log):
+    assert read_description(log(LOG)).capture.lanes == 0
+    for mask, count in ((3, 2), (15, 4)):
+        lanes = f"API:LaneConfig,{mask},0,\n"
+        described = read_description(log(lanes + LOG))
+        assert described.capture.lanes == count and described.notes == ()
+    assert read_description(log(lanes + LOG)).radar == read_description(log(LOG)).radar
+
+
 def test_the_choice_is_reported_and_can_be_made(tmp_path):
     path = save_studio(tmp_path, random_cube((2, *SHAPE)), LOG + SECOND)
     log = tmp_path / "adc_LogFile.txt"
