@@ -104,7 +104,8 @@ def test_motion_between_frames_is_that_of_the_recording_not_of_its_replay():
 
     def frame(number, cloud, stamp_s):
         seen.append((number, stamp_s))
-        return types.SimpleNamespace(samples=None, points=cloud, cloud=cloud)
+        held = {"samples": None, "points": cloud, "cloud": cloud, "verdict": ()}
+        return types.SimpleNamespace(**held)
 
     processor.pipeline = types.SimpleNamespace(frame=frame)
     for number in (0, 3, 4):  # the last is the first again

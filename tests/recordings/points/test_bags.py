@@ -209,10 +209,14 @@ def test_commands_that_need_samples_name_those_that_take_points(
 ):
     from jradar.cli import main
 
-    path, out = str(bag(tmp_path / "a")), str(tmp_path / "out.toml")
-    for command in (["points"], ["calibrate"], ["replay"]):
-        options = [] if command == ["replay"] else ["-o", out]
-        assert main([*command, path, *options]) == 2
+    path = str(bag(tmp_path / "a"))
+    for command, output in (
+        ("points", "out"),
+        ("calibrate", "out.toml"),
+        ("replay", ""),
+    ):
+        options = ["-o", str(tmp_path / output)] if output else []
+        assert main([command, path, *options]) == 2
         lines = capsys.readouterr().err.strip().splitlines()
         assert len(lines) == 1 and "`score` and `live` take points" in lines[0]
 
