@@ -13,6 +13,7 @@ for all frames in their order.
 import dataclasses
 import functools
 import math
+import re
 from collections.abc import Iterator
 from typing import Any, NamedTuple, Unpack
 
@@ -70,7 +71,8 @@ class Frame(NamedTuple):
         """How far to trust the cloud, in sentences: in pictures and files."""
         sure = self.confidence
         share = () if sure is None else (f"{sure:.0%} of its points may be right",)
-        return (*share, *(text.partition(": ")[0] for text in self.warnings))
+        firsts = (re.split(r": |\. ", text)[0] for text in self.warnings)
+        return (*share, *firsts)
 
     def describe(self) -> dict[str, int | float]:
         """Return the numbers of points, and how far to trust them."""

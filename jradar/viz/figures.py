@@ -101,7 +101,7 @@ def capture_figure(
     parts = 2 if maps is None else 4
     # The `constrained` layout takes twice as long.
     figure = Figure(figsize=(4.25 * parts, 5.6))
-    edges = {"left": 0.14 / parts, "right": 1 - 0.04 / parts, "wspace": 0.22}
+    edges = {"left": 0.17 / parts, "right": 1 - 0.04 / parts, "wspace": 0.22}
     figure.subplots_adjust(**edges, bottom=0.23, top=0.77)
     *before, above, front = figure.subplots(1, parts)
     figure.suptitle(f"{title}\n{verdict}" if verdict else title, y=0.99, fontsize=11)

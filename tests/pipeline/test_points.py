@@ -252,3 +252,16 @@ def test_history_and_fusion_exclude_each_other():
         enhance_recording(walk_past(3, poses=True), MODEL, history_s=1.0, fuse=2)
     with pytest.raises(UsageError, match="polar images sees no points"):
         Pipeline(walk_past(3, poses=True), POLAR, history_s=1.0)
+
+
+def test_the_verdict_is_short_and_begins_with_the_share_that_may_be_right():
+    (frame,) = enhance_recording(recording(points(30)), MODEL)
+    long = (
+        "frame 0 is unlike 99 % of training. Does it move?",
+        "do not trust frame 0: why",
+    )
+    frame = frame._replace(confidence=0.264, warnings=long)
+    share, *others = frame.verdict
+    assert share == "26% of its points may be right"
+    assert others == ["frame 0 is unlike 99 % of training", "do not trust frame 0"]
+    assert frame._replace(confidence=None, warnings=()).verdict == ()
