@@ -110,6 +110,8 @@ def test_enhanced_frames_become_one_file(
     assert [message.time_ns for message in dense] == stamps
     topics = {message.topic for message in messages}
     assert {"/lidar/points", "/radar/range_azimuth", "/tf"} < topics
+    verdicts = [m.content for m in messages if m.topic == "/enhanced/verdict"]
+    assert len(verdicts) == len(dense) and "of its points may be right" in verdicts[0]
     run_json(*command, tmp_path / "folder", "--frame", 1)
     with np.load(tmp_path / "folder" / "enhanced.npz") as file:
         for name, column in zip("xyz", file["xyz"].T, strict=True):
@@ -130,7 +132,11 @@ def test_enhanced_frames_become_one_file(
     [
         (["live"], 2, "--radar, such as the .cfg"),
         (["live", "--radar", "{cfg}", "--host", "192.0.2.1"], 3, "has no address"),
-        (["live", "--replay", "{bin}", "-o", "out.bag"], 2, "expected an .mcap file"),
+        (
+            ["live", "--replay", "{bin}", "-o", "out.bag"],
+            2,
+            "of all frames: .mcap, .ros2",
+        ),
         (["live", "--replay", "no.bin"], 2, "no such file"),
         (
             ["live", "--replay", "{flat}"],

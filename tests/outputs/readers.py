@@ -40,6 +40,9 @@ READERS = {"out.mcap": mcap_messages, "out.ros2": bag_messages}
 
 
 def read(topic, kind, time_ns, message):
+    if kind.endswith("Log"):  # which has no frame of reference
+        text = getattr(message, "message", "") or message.msg
+        return Message(topic, kind, time_ns, {time_ns}, set(), text)
     parts = getattr(message, "transforms", [message])
     stamps, frames = zip(*map(stamp_and_frame, parts), strict=True)
     if hasattr(message, "transforms"):
