@@ -50,7 +50,7 @@ def frame_velocities(
     if stamps is None or not len(chosen):
         fix = "set frame_period_s, or name the frames' stamps"
         if recording.of_points:
-            fix = "add a column `timestamp`, or poses beside the file"
+            fix = "add a column `timestamp`, or poses next to the file"
         raise UsageError(
             f"{recording.path}: {len(chosen)} frames, expected some with known times: "
             f"{fix}"

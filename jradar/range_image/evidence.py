@@ -28,7 +28,7 @@ REACH = 2  # cells, to a side
 AROUND = 10  # points for each point of the radar
 WIDE_M = 0.3  # their deviation up and down, and to the sides
 DEEP_M = 0.1  # and along the line of sight
-LEAST_M = 1e-3  # beside the vertical axis: straight overhead, no side is left
+LEAST_M = 1e-3  # from the vertical axis: nearer, a point is straight overhead
 CROWD = 1024.0  # points that make a crowding of 1
 
 

@@ -42,9 +42,9 @@ def test_the_rows_are_the_radars_points_their_splat_and_the_models(found, model)
         (frame, truth, method)
         for frame in (0, 1) for method in methods for truth in ("LiDAR", WHOLE)
     ]  # fmt: skip
-    told = found.describe()
-    assert told["radar"] == SENT and told["frames"] == 2
-    assert [line["method"] for line in told["against the LiDAR"]] == methods
+    shown = found.describe()
+    assert shown["radar"] == SENT and shown["frames"] == 2
+    assert [line["method"] for line in shown["against the LiDAR"]] == methods
     for named in found.clouds.values():
         assert [*named] == [*methods, "LiDAR"]
 

@@ -40,8 +40,8 @@ def write_astyx(path: Path, frames: list[tuple[str, ...]], *, seed: int = 0) -> 
 def _points(rng, frame):
     parts = [np.zeros((0, 3)), *([AWAY] if frame else [])]
     if "wall" in frame:
-        beside = rng.uniform((-3, -0.8), (3, 0.8), (SIZES["wall"], 2))
-        parts.append(np.insert(beside, 0, SIDE, axis=1))
+        aside = rng.uniform((-3, -0.8), (3, 0.8), (SIZES["wall"], 2))
+        parts.append(np.insert(aside, 0, SIDE, axis=1))
     if "pillar" in frame:
         height = rng.uniform(-0.6, 0.6, SIZES["pillar"])
         parts.append(np.column_stack([*np.tile(PILLAR, (len(height), 1)).T, height]))
