@@ -248,7 +248,8 @@ class Pipeline:
     @property
     def times(self) -> dict[str, float]:
         """Median seconds of each stage, and the time to compile."""
-        return {name: float(np.median(taken)) for name, taken in self.watch.items()}
+        times = {name: float(np.median(taken)) for name, taken in self.watch.items()}
+        return times | {"compiling": sum(self.watch.get("compiling", ()))}
 
     @property
     def motion(self) -> dict[str, int]:

@@ -59,6 +59,8 @@ def test_a_frame_is_what_enhance_points_gives_whatever_its_size():
         assert frame.empty == (size == 0)
         assert frame.stamp_s == pytest.approx(0.1 * frame.number)
     assert any("no echoes in frame 1" in text for text in found.warnings)
+    compiling = found.watch["compiling"]
+    assert len(compiling) == 2 and found.times["compiling"] == sum(compiling)
     assert any("not on those that a radar sends" in text for text in found.warnings)
 
 

@@ -151,17 +151,17 @@ def recording_of_samples(
     Without `stamps`, frames follow one another in the radar's frame period. Errors as
     in `open_dca1000`.
     """
-    radar, capture, doubts = described
+    radar, capture, warnings = described
     order, missing = capture.iq_order, None
     if lanes.may_be_halved(radar, capture.lanes, order):
         missing = _missing(source, described)
         radar = lanes.halved(radar) if missing else radar
-        doubts = (*doubts, lanes.note(radar, missing))
+        warnings = (*warnings, lanes.note(radar, missing))
     frame_bytes = bytes_of_frame(radar)
     count, rest = divmod(source.size, frame_bytes)
     if not count or (rest and not allow_partial):
         misfit = _does_not_fit(path, source.size, radar)
-        raise ValueError(" ".join([misfit, *doubts]))
+        raise ValueError(" ".join([misfit, *warnings]))
 
     if stamps is None:
         stamps = frame_stamps(path, count, radar.frame_period_s)
@@ -171,7 +171,7 @@ def recording_of_samples(
         cube = cube_of_words(raw.view("<i2"), radar, order)
         return lanes.restored(cube) if missing else cube
 
-    notes, lost, whole = [*doubts], None, 0
+    notes, lost, whole = [*warnings], None, 0
     if isinstance(source, Files) and len(source.paths) > 1:
         notes.append(f"{len(source.paths)} files were joined")
     if rest:
