@@ -14,6 +14,11 @@ from jradar.data.frames import (
     notes_of as notes_of,
     preview as preview,
 )
+from jradar.data.histories import (
+    HistorySpec as HistorySpec,
+    fixed_histories as fixed_histories,
+    histories as histories,
+)
 from jradar.data.loading import (
     AugmentedPairs as AugmentedPairs,
     Batch as Batch,
