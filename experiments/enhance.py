@@ -69,7 +69,16 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     history = build.build_history(config)
     checked = _groups(build.records_of(config, records.folder, "validation"), history)
     spec = build.build_spec(config, records)
-    pairs = data.pairs_of(spec, data.fixed_histories(records, history))
+    frames, fixed = (
+        make(records, history) for make in (data.histories, data.fixed_histories)
+    )
+    digest = records.digest
+    if config.data.views:
+        views = data.Records(config.data.views, "train")
+        frames, fixed = data.joined(frames, views), data.joined(fixed, views)
+        checked.append(data.Records(config.data.views, "validation"))
+        digest += views.digest
+    pairs = data.pairs_of(spec, fixed)
     card, trust = build.build_card(config, records), trust_of(spec.frame_grid, pairs)
     optimizer = build.build_optimizer(config.train)
     state = training.create_state(
@@ -101,7 +110,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         state=start_from(config.train, spec.network, state),
         step=step,
         batch_at=training.pair_batches(
-            data.histories(records, history),
+            frames,
             spec.grid,
             build.build_augment(config),
             batch_size=config.train.batch_size,
@@ -110,8 +119,8 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         ),
         validate=validated,
         save=save,
-        trained_on=f"{len(records)} frames",
-        data_digest=records.digest,
+        trained_on=f"{len(frames)} frames",
+        data_digest=digest,
     )
 
 

@@ -30,6 +30,9 @@ def get_config():
     # the run tests on them alone.
     config.data.maps = ""
     config.data.without = ""
+    # Views of real maps, as `experiments.studies.map_views` writes them, that are
+    # trained on, too, if named.
+    config.data.views = ""
 
     # How recordings are prepared; the field of view is taken from `image`.
     config.prepare = ConfigDict()

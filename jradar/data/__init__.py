@@ -25,6 +25,7 @@ from jradar.data.loading import (
     Batches as Batches,
     Pair as Pair,
     PairSource as PairSource,
+    joined as joined,
     lidar_image as lidar_image,
     pairs_of as pairs_of,
 )

@@ -67,6 +67,17 @@ class PairSource(Stream):
         return make_pair(frame, self._coarse, self._fine, **self._slices)
 
 
+def joined(*sources: Sequence) -> Stream:
+    """Return the items of all sources, one after another."""
+    ends = np.cumsum([0, *map(len, sources)])
+
+    def item(index):
+        which = int(np.searchsorted(ends, index, side="right")) - 1
+        return sources[which][index - int(ends[which])]
+
+    return Stream(item, int(ends[-1]))
+
+
 def pairs_of(spec: ModelSpec, frames: Sequence[PreparedFrame]) -> PairSource:
     """Return the pairs of prepared frames on a model's grids.
 
