@@ -228,6 +228,7 @@ def build_card(config: ConfigDict, records: data.Records) -> Card:
         steps_seen=config.train.steps_before + config.train.steps,
         trained_on=f"{len(records)} frames {records.digest[:12]}",
         radars=(records.radar, *records.other_radars),
+        sent_points=config.history.sparse > 0,
     )
 
 

@@ -9,7 +9,7 @@ A view stands near a place of the robot, level, looking anywhere. Its radar poin
 voxels of the radar's map in view, its LiDAR points the first voxels of the LiDAR's map
 along rays. Radar voxels carry no power, so all have the same. Views of the runs that
 validate and test in `jradar-sim-5` do so here, and `data.without` leaves an environment
-out. Views are in no order, and an interrupted study begins again.
+out. Views are in no order. The same command resumes after its last complete run.
 
 The study's question is closed. It stays because its views are real pairs of radar and
 LiDAR in three dimensions, to train on.
@@ -31,7 +31,7 @@ from experiments.command import run_study, study_parser
 from experiments.configs import marginal
 from jradar import __version__
 from jradar.data import PreparedFrame
-from jradar.data.records import FORMAT, write_shard
+from jradar.data.records import FORMAT, finished_shard, write_shard
 from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.lidar import shared_field_of_view
@@ -86,10 +86,12 @@ def study(options: Namespace) -> None:
         for number, run in enumerate(runs):
             name = f"{run.environment}_{number:05d}"
             count = share if split[run.name] == "train" else FEW
-            found = views(run, name, thin=options.thin)
-            frames = itertools.islice(found, count)
+            about = {"sequence": name, "views": count, "thin": options.thin}
             path = options.output / name / "0000.array_record"
-            shard = write_shard(path, frames, {"sequence": name}, {})
+            if (shard := finished_shard(path, about)) is None:
+                found = views(run, name, thin=options.thin)
+                frames = itertools.islice(found, count)
+                shard = write_shard(path, frames, about, {})
             sequences.append({
                 "name": name,
                 "split": split[run.name],

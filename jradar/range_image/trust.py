@@ -47,7 +47,7 @@ class TrustTable(NamedTuple):
         return table
 
 
-@jit
+@jit(static_argnames="channels")
 def condition_features(
     condition: Float[Array, "*batch row column channel"],
     *,
