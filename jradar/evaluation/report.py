@@ -11,7 +11,8 @@ curves.png (Fig. 6), clouds.png (Fig. 5) and training.png. Each cloud is written
 clouds/SEQUENCE_FRAME/NAME.ply.
 
 A cloud is an array `[point, 3]` of x, y, z in metres, or `[point, 4]` with the
-confidence of each point, 0 to 1, as its fourth column.
+confidence of each point, 0 to 1, as its fourth column: the page says which share of
+such a cloud may be right.
 """
 
 import json
@@ -38,6 +39,7 @@ from jradar.evaluation.tables import (
 from jradar.files import atomic_folder, atomic_path, check_unpacked, inside
 from jradar.outputs.clouds import write_ply
 from jradar.outputs.page import CloudFrame, checked_points, write_page
+from jradar.range_image import UNSURE
 from jradar.types import PointCloud
 from jradar.viz import learning_curve_figure, save_figure
 from jradar.viz.results import clouds_figure, error_curves_figure
@@ -226,6 +228,13 @@ def _frames(clouds, scores: Scores) -> list[CloudFrame]:
             for name in IN_SCENES
             if np.isfinite(row[name])
         }
+    for place, named in clouds.items():
+        for name, points in named.items():
+            if points.shape[1] == 4 and len(points):
+                sure = float(points[:, 3].mean())
+                verdict = f"{sure:.0%}{'' if sure >= UNSURE else ', do not trust'}"
+                methods = texts.setdefault(place, {})
+                methods[name] = {"may be right": verdict, **methods.get(name, {})}
     title = {place: ", ".join(str(p) for p in place if p != "") for place in clouds}
     return [
         CloudFrame(title[place], named, texts.get(place, {}))

@@ -145,6 +145,9 @@ def test_report_holds_tables_curves_and_clouds(run):
     assert "Scenes, against LiDAR" in text and "Scenes, against re-projected" in text
     assert text.count("data:image/png") == 3  # curves, clouds, training
     assert "Hallways, run3, 7" in text and "<th>ms</th>" in text
+    sure = CLOUDS["Hallways", "run3", 7]["jradar"][:, 3].mean()
+    low = ", do not trust" if sure < 0.5 else ""
+    assert '"may be right"' in text and f'"{sure:.0%}{low}"' in text
     for part in ("clouds.npz", "../metrics.jsonl"):
         (run / "evaluation" / part).unlink()
     assert build_report(run).read_text().count("data:image/png") == 1
