@@ -269,7 +269,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
 def view(options: argparse.Namespace) -> dict[str, Any]:
     """Open the report of an experiment in a browser."""
     report = jradar.evaluation.open_report(options.run, show=not options.no_open)
-    return {"report": str(report)}
+    return {"report": str(report), "open in a browser": report.resolve().as_uri()}
 
 
 def export(options: argparse.Namespace) -> dict[str, Any]:
@@ -293,4 +293,5 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
         "takes": f"seed, cube {list(radar.spec.cube_shape)} of {kind}",
         "purpose": model.card.purpose,
         "written": [options.output],
+        "to use it in Python": jradar.export.loading(options.output),
     }

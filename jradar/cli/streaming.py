@@ -242,7 +242,10 @@ def open_writers(
         )
         stack.callback(server.close)
         writers.append(server)
-        _tell(f"open Foxglove and connect to ws://{server.host}:{server.port}")
+        _tell(
+            "open https://app.foxglove.dev, or the application, and connect to "
+            f"ws://{server.host}:{server.port} (Foxglove WebSocket)"
+        )
     if options.output:
         from jradar.outputs.writers import open_writer
 

@@ -18,10 +18,11 @@ from matplotlib.figure import Figure
 from jradar import data, viz
 from jradar.errors import UsageError
 from jradar.evaluation.methods import Method, Truth, Watch, score_frames
-from jradar.evaluation.report import build_report, save_clouds
+from jradar.evaluation.report import ABOUT, build_report, save_clouds
 from jradar.evaluation.scores import Scores, write_scores
 from jradar.evaluation.statistics import spread
 from jradar.evaluation.tables import overview, write_tables
+from jradar.files import write_text
 from jradar.model import Model, enhance_points
 from jradar.options.drawing import Drawing
 from jradar.progress import progress
@@ -119,14 +120,16 @@ def write_results(
     methods: dict[str, Method],
     *,
     every: int = 1,
+    about: str = "",
 ) -> None:
     """Score methods on every `every`-th frame of each sequence, and print the tables.
 
-    The report shows the clouds of some frames, spread over all of them.
+    The report begins with `about`, a sentence on the frames, and shows the clouds of
+    some of them, spread over all.
     """
     rows, clouds = score_and_keep(key, view, pairs, methods, every=every)
     figures = {"samples": samples(clouds, view.fine)}
-    report = write_report(workdir, rows, clouds, figures)
+    report = write_report(workdir, rows, clouds, figures, about=about)
     print(f"{overview(rows)}\nreport: {report}")
 
 
@@ -169,12 +172,16 @@ def write_report(
     rows: Iterable[dict[str, Any]],
     clouds: Mapping[tuple[str, str, int], Mapping[str, np.ndarray]],
     figures: Mapping[str, Figure],
+    *,
+    about: str = "",
 ) -> Path:
     """Write scores, their tables, clouds and figures, and return the report's path.
 
-    `clouds` are by scene, sequence and frame, and by name.
+    `clouds` are by scene, sequence and frame, and by name. The report begins with the
+    sentence `about`.
     """
     out = workdir / "evaluation"
+    write_text(out / ABOUT, f"{about}\n")
     write_scores(out / "frames.jsonl", rows)
     write_tables(out / "frames.jsonl")
     save_clouds(out / "clouds.npz", clouds)

@@ -3,6 +3,7 @@
     RUN/metrics.jsonl                 learning curves
     RUN/evaluation/frames.jsonl       scores: tables, error curves
     RUN/evaluation/clouds.npz         clouds of a few frames
+    RUN/evaluation/about.txt          the first sentence: what the frames are
     RUN/evaluation/*.png              pictures
     RUN/evaluation/report.html        all of them in one file
 
@@ -50,6 +51,7 @@ MAX_REPORT_BYTES = 10_000_000
 MOST_SCENES = 6  # in the figure of clouds: a page has room for few large pictures
 SPARSE = 2000  # points; clouds with fewer are drawn with larger dots
 DRAWN = ("curves.png", "clouds.png", "training.png")
+ABOUT = "about.txt"
 JUDGED = "f_score_0.2"  # the score by which a method is the best
 OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
 
@@ -127,10 +129,14 @@ def build_report(run: Path | str) -> Path:
     others = [p for p in sorted(folder.glob("*.png")) if p.name not in DRAWN]
     figures |= {path.stem: path for path in others}
     path, (best, other) = folder / "report.html", _best_and_rival(first)
+    sentences = _summary(first, best, other)
+    if (folder / ABOUT).is_file():
+        about = (folder / ABOUT).read_text(encoding="utf-8").strip()
+        sentences = f"{about} {sentences}".strip()
     write_page(
         path,
         title=f"{run.resolve().name}: {', '.join(errors)}",
-        summary=_summary(first, best, other),
+        summary=sentences,
         opens_with=[other, best, truths[0]],
         tables=tables,
         figures=figures,
