@@ -61,6 +61,7 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
         options.output,
         found.radar,
         **({"iq_order": recording.iq_order} if recording.iq_order else {}),
+        lanes=recording.lanes,
         axes=recording.axes,
         mount=None if found.mount is None else found.mount.base_from_radar,
         comment=f"written by jradar calibrate from {recording.name}",

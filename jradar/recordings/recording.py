@@ -91,6 +91,7 @@ class Recording(NamedTuple):
     base_from_imu: Float[np.ndarray, "4 4"] | None = None
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
     iq_order: str = ""  # of an adc_data.bin
+    lanes: int = 0  # enabled, of an adc_data.bin whose lost samples were interpolated
     axes: tuple[str, ...] = ()  # of a .npy
     fields: tuple[tuple[str, str], ...] = ()  # what of the points was read from what
     notes: tuple[str, ...] = ()  # repairs and warnings

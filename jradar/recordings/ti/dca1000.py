@@ -200,6 +200,7 @@ def recording_of_samples(
         lost_bytes=lost,
         base_from_radar=capture.base_from_radar(),
         iq_order=order,
+        lanes=capture.lanes if missing else 0,
         notes=tuple(notes),
     )
 
