@@ -153,6 +153,11 @@ def _command(
             help="file or folder, see above",
         )
     groups.flag(sub, "--json", "print the result as JSON")
+    loudness = sub.add_mutually_exclusive_group()
+    text = "print errors and the result alone"
+    groups.flag(loudness, ("-q", "--quiet"), text)
+    text = "print where each value came from, and how long it took"
+    groups.flag(loudness, ("-v", "--verbose"), text)
     return sub
 
 
