@@ -118,8 +118,9 @@ def test_five_compositions_run_as_they_stand(simulated, monkeypatch):
     monkeypatch.chdir(simulated)
     found = []
     for code in blocks("python", "experiments/README"):
-        exec(code, names := {})
-        found.append(names)
+        if "get_config" not in code:  # see test_own_network
+            exec(code, names := {})
+            found.append(names)
     chamfer, many, own, trained, other = found
     assert -1 < chamfer["slope"].min() and chamfer["slope"].max() < 0
     assert (many["clouds"].valid.sum(1) > 1000).all()
