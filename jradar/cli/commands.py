@@ -220,6 +220,7 @@ def score(options: argparse.Namespace) -> dict[str, Any]:
         split=options.split,
         frames=options.frames,
         seed=options.seed,
+        protocol=options.protocol,
         **opening(options),
     )
     result = found.describe()
