@@ -351,7 +351,7 @@ def _score(sub):
     groups.all_frames(sub, "frames of each recording: A to B-1 (default: all)")
     text = "whose definitions of the scores to use (default: %(default)s): "
     text += "; ".join(f"{name}: {what}" for name, what in PROTOCOLS.items())
-    groups.option(sub, "--protocol", "NAME", text, choices=PROTOCOLS, default=PAPER)
+    groups.option(sub, "--protocol", "NAME", text, choices=[*PROTOCOLS], default=PAPER)
     text = "split of records (default: test, or else validation)"
     groups.option(sub, "--split", "NAME", text, choices=SPLITS)
     groups.seed(sub, "random seed of the draws and of splat")

@@ -1,4 +1,4 @@
-"""Protocols: three points by hand, whose scores by each paper's definition are known."""
+"""Protocols: three points, whose scores by each definition are known by hand."""
 
 import numpy as np
 import pytest
