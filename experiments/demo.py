@@ -22,13 +22,14 @@ from jradar.progress import progress
 from jradar.simulation import set_sequences, simulate_sequence
 
 SPLIT = "test"
-FIRST = "jradar-sim"  # the model whose rows come first, under their plain names
+ABOUT = "**All frames are simulated**: the scores say nothing about a real radar."
+FIRST = "jradar-sim"  # the model whose rows come first
 EXPECTED = """
-Expect F-scores at 0.2 m of about 55 % for `jradar, one pass`, 44 % for what 8 draws of
-the paper's method agree on, 38 % for `splat`, which is smeared radar points, 36 % for
-the paper's single sample (Heun 18), and 23 % for OS-CFAR. The README's table has higher
-ones: here, each layout has another radar unit, of a wider population and with other
-waveforms.
+Expect F-scores at 0.2 m of about 55 % for `jradar-sim, one pass`, 44 % for what 8 draws
+of the paper's method agree on, 38 % for `splat`, which is smeared radar points, 36 %
+for the paper's single sample (Heun 18), and 23 % for OS-CFAR. The README's table has
+higher ones: here, each layout has another radar unit, of a wider population and with
+other waveforms.
 """
 
 
@@ -67,6 +68,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         view,
         data.PairSource(records, coarse, fine, num_slices=config.image.num_slices),
         detector_methods(view, rates) | shipped_methods(config, usable),
+        about=ABOUT,
     )
     if usable:
         print(EXPECTED)
@@ -78,12 +80,12 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
 
 
 def shipped_methods(config: ConfigDict, models: dict[str, Model]) -> dict[str, Method]:
-    """Return the methods of each model; a repeated name begins with its model's."""
-    methods: dict[str, Method] = {}
-    for name in sorted(models, key=lambda name: (name != FIRST, name)):
-        for method, call in model_methods(config, models[name]).items():
-            methods[f"{name}: {method}" if method in methods else method] = call
-    return methods
+    """Return the methods of each model, by the name that `--model` takes."""
+    return {
+        f"{name}, {method.removeprefix('jradar, ')}": call
+        for name in sorted(models, key=lambda name: (name != FIRST, name))
+        for method, call in model_methods(config, models[name]).items()
+    }
 
 
 def simulate_layouts(config: ConfigDict, folder: Path) -> None:

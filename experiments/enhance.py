@@ -32,6 +32,7 @@ from jradar.evaluation import (
     write_results,
 )
 from jradar.model import Model, Tables, load_model, save_model
+from jradar.options.protocols import PAPER, PROTOCOLS
 from jradar.options.recordings import SPLITS
 from jradar.radar import DETECTORS
 
@@ -55,6 +56,7 @@ def check(config: ConfigDict) -> None:
     initial_weights(config.train)
     for field, name, known in (
         ("split", config.evaluation.split, SPLITS),
+        ("protocol", config.evaluation.get("protocol", PAPER), PROTOCOLS),
         *(("detectors", name, DETECTORS) for name in config.evaluation.detectors),
     ):
         if name not in known:
@@ -193,6 +195,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         pairs,
         {**detector_methods(view, rates), **methods},
         every=config.evaluation.every,
+        protocol=config.evaluation.get("protocol", PAPER),
     )
 
 

@@ -9,11 +9,8 @@ for the function
 The confidence is missing if the model has none.
 
 The header holds a digest of the function, because a flipped bit in the weights would
-otherwise go unnoticed. To use the file where only JAX is installed:
-
-    header, function = open("model.jradar", "rb").read().split(b"\n", 1)
-    assert hashlib.sha256(function).hexdigest() == json.loads(header)["sha256"]
-    cloud = jax.export.deserialize(bytearray(function)).call(seed, cube)
+otherwise go unnoticed. `loading` returns the lines that use the file where only JAX is
+installed.
 """
 
 import hashlib
@@ -32,6 +29,17 @@ from jradar.radar import Radar
 
 FORMAT = "jradar function 4"
 PLATFORMS = ("cpu", "cuda", "tpu")
+
+
+def loading(path: Path | str) -> list[str]:
+    """Return lines of Python that make a cloud of a `cube` with an exported file."""
+    return [
+        "import hashlib, json, jax, numpy",
+        f"header, function = open({str(path)!r}, 'rb').read().split(b'\\n', 1)",
+        "assert hashlib.sha256(function).hexdigest() == json.loads(header)['sha256']",
+        "call = jax.export.deserialize(bytearray(function)).call",
+        "cloud = call(numpy.uint32(0), cube)  # a seed, and numpy's samples",
+    ]
 
 
 def export_function(

@@ -2,6 +2,7 @@
 
 import contextlib
 import datetime
+import logging
 import math
 import sys
 import time
@@ -20,9 +21,12 @@ def progress(
 ) -> Iterator[Show]:
     """Yield `show(done, note)`, to call as `done` rises from `first` to `total`.
 
-    The printed rate leaves out the first item, during which JAX compiles.
+    The printed rate leaves out the first item, during which JAX compiles. Nothing is
+    printed where the logger "jradar" is set to errors alone.
     """
-    if sys.stderr.isatty():
+    if not logging.getLogger("jradar").isEnabledFor(logging.WARNING):
+        yield lambda *_, **__: None
+    elif sys.stderr.isatty():
         with _bar(what, total, first, unit) as show:
             yield show
     else:

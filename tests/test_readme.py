@@ -83,7 +83,7 @@ def test_every_line_of_the_readme_runs_in_order(tmp_path):
     ours = ("PYTHON", "JAX", "XLA", "JRADAR")  # of the process that tests
     environment = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
     shown = pasted(lines, clone, environment)
-    for row in ("jradar, one pass", "splat", "OS-CFAR"):  # as the demo says
+    for row in ("jradar-sim, one pass", "splat", "OS-CFAR"):  # as the demo says
         found = re.search(rf"\| {row} \|[^|]*\|[^|]*\|[^|]*\| ([0-9.]+)", shown)
         expected = re.search(rf"([0-9]+) % for `?{row}", EXPECTED)
         assert float(found[1]) == pytest.approx(float(expected[1]), abs=2)
@@ -118,8 +118,9 @@ def test_five_compositions_run_as_they_stand(simulated, monkeypatch):
     monkeypatch.chdir(simulated)
     found = []
     for code in blocks("python", "experiments/README"):
-        exec(code, names := {})
-        found.append(names)
+        if "get_config" not in code:  # see test_own_network
+            exec(code, names := {})
+            found.append(names)
     chamfer, many, own, trained, other = found
     assert -1 < chamfer["slope"].min() and chamfer["slope"].max() < 0
     assert (many["clouds"].valid.sum(1) > 1000).all()

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from jradar.cli.options import parser
 from jradar.cli.paths import check_paths
 from jradar.cli.printing import as_json, lines, say
+from jradar.cli.verbosity import LOG, speaking
 from jradar.errors import check_platform, exit_code, sigterm_raises
 from jradar.files import DISK_FULL, use_compilation_cache
 
@@ -29,8 +30,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = commands.parse_args(argv)
     use_compilation_cache()
     try:
-        with warnings.catch_warnings(), sigterm_raises():
-            warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
+        with warnings.catch_warnings(), sigterm_raises(), speaking(options):
+            warnings.showwarning = lambda text, *_, **__: LOG.warning(
+                f"warning: {text}"
+            )
             check_paths(options)
             check_platform()
             result = options.command(options)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import jradar
 from jradar.cli.groups import given_drawing
 from jradar.cli.reading import given, open_frames, opening, summary
+from jradar.cli.verbosity import LOG
 from jradar.errors import UsageError
 from jradar.outputs.guard import GuardedFolder
 from jradar.progress import progress
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
     from jradar.recordings import Recording
 
 PREVIEW = "preparation.png"
+OLD_PLACES = (
+    "first: frames of old places are simulated and prepared, so that the model does "
+    "not forget them; this is done once, kept in %s, and takes up to an hour; then it "
+    "is trained. --replay-records FOLDER takes frames that you have instead"
+)
 
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
@@ -61,6 +67,7 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
         options.output,
         found.radar,
         **({"iq_order": recording.iq_order} if recording.iq_order else {}),
+        lanes=recording.lanes,
         axes=recording.axes,
         mount=None if found.mount is None else found.mount.base_from_radar,
         comment=f"written by jradar calibrate from {recording.name}",
@@ -193,16 +200,28 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
         spec = FinetuneSpec(**chosen, seed=options.seed)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    found = tune(
-        options.records,
-        options.output,
-        model=options.model,
-        spec=spec,
-        replay=options.replay_records,
-    )
-    folder = Path(options.output)
+    folder, replay = Path(options.output), options.replay_records
+    if replay is None and not (folder / "model").is_dir():
+        LOG.warning(OLD_PLACES, folder / "replay")
+    try:
+        found = tune(
+            options.records, folder, model=options.model, spec=spec, replay=replay
+        )
+    except KeyboardInterrupt as stop:
+        raise type(stop)(f"interrupted: {folder} keeps {_kept(folder)}") from None
     written = [str(folder / name) for name in ("model", "learning.png")]
     return {"records": options.records, **found.describe(), "written": written}
+
+
+def _kept(folder: Path) -> str:
+    """Return what a stopped fine-tuning has done, and how to go on."""
+    shards = len([*folder.glob("replay/records/*/*.json")])
+    steps = sorted(int(p.name) for p in folder.glob("checkpoints/[0-9]*"))
+    done = [
+        *([f"{shards} frames of old places"] if shards else []),
+        *([f"the weights of step {steps[-1]}"] if steps else []),
+    ]
+    return f"{' and '.join(done) or 'nothing yet'}; run the same command to go on"
 
 
 def score(options: argparse.Namespace) -> dict[str, Any]:
@@ -219,6 +238,7 @@ def score(options: argparse.Namespace) -> dict[str, Any]:
         split=options.split,
         frames=options.frames,
         seed=options.seed,
+        protocol=options.protocol,
         **opening(options),
     )
     result = found.describe()
@@ -269,7 +289,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
 def view(options: argparse.Namespace) -> dict[str, Any]:
     """Open the report of an experiment in a browser."""
     report = jradar.evaluation.open_report(options.run, show=not options.no_open)
-    return {"report": str(report)}
+    return {"report": str(report), "open in a browser": report.resolve().as_uri()}
 
 
 def export(options: argparse.Namespace) -> dict[str, Any]:
@@ -293,4 +313,5 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
         "takes": f"seed, cube {list(radar.spec.cube_shape)} of {kind}",
         "purpose": model.card.purpose,
         "written": [options.output],
+        "to use it in Python": jradar.export.loading(options.output),
     }

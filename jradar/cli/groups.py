@@ -29,9 +29,10 @@ KINDS: dict[Any, dict[str, Any]] = {  # by the annotation of a field
 }
 
 
-def flag(sub: Options, name: str, text: str) -> None:
-    """Add an option without a value."""
-    sub.add_argument(name, action="store_true", help=text)
+def flag(sub: Options, name: str | tuple[str, str], text: str) -> None:
+    """Add an option without a value, by its name, or by a short and a long one."""
+    names = (name,) if isinstance(name, str) else name
+    sub.add_argument(*names, action="store_true", help=text)
 
 
 def option(sub: Options, name: str, metavar: str, text: str, **options: Any) -> None:

@@ -12,6 +12,7 @@ from jradar import __version__
 from jradar.cli import commands, frames, groups, streaming, values
 from jradar.cli.printing import Parser
 from jradar.options.models import DEFAULT_OF_MAPS
+from jradar.options.protocols import PAPER, PROTOCOLS
 from jradar.options.recordings import ROTATIONS, SENSORS, SPLITS
 from jradar.options.scenes import FAMILIES, SETS
 
@@ -153,6 +154,11 @@ def _command(
             help="file or folder, see above",
         )
     groups.flag(sub, "--json", "print the result as JSON")
+    loudness = sub.add_mutually_exclusive_group()
+    text = "print errors and the result alone"
+    groups.flag(loudness, ("-q", "--quiet"), text)
+    text = "print where each value came from, and how long it took"
+    groups.flag(loudness, ("-v", "--verbose"), text)
     return sub
 
 
@@ -343,6 +349,9 @@ def _score(sub):
     text = f"{groups.MODEL}; repeatable (default: jradar-sim)"
     groups.option(sub, "--model", "NAME|FOLDER", text, action="append", default=[])
     groups.all_frames(sub, "frames of each recording: A to B-1 (default: all)")
+    text = "whose definitions of the scores to use (default: %(default)s): "
+    text += "; ".join(f"{name}: {what}" for name, what in PROTOCOLS.items())
+    groups.option(sub, "--protocol", "NAME", text, choices=[*PROTOCOLS], default=PAPER)
     text = "split of records (default: test, or else validation)"
     groups.option(sub, "--split", "NAME", text, choices=SPLITS)
     groups.seed(sub, "random seed of the draws and of splat")

@@ -3,6 +3,7 @@
 import argparse
 import os
 import re
+import tempfile
 from pathlib import Path
 
 from jradar.errors import ModelError, UsageError
@@ -66,6 +67,22 @@ def _check_suffix(path: Path, options: argparse.Namespace, folder: bool) -> None
         raise UsageError(f"{path}: expected a name that ends with {' or '.join(known)}")
 
 
+def _check_writable(path: Path, folder: bool) -> None:
+    """Raise OSError if nothing can be written where the output will be.
+
+    Only trying tells: permissions do not bind root, and file systems have their own.
+    """
+    places = [path, *path.parents] if folder else [*path.absolute().parents]
+    above = next(place for place in places if place.is_dir())
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".jradar", dir=above))
+    except OSError as error:
+        raise OSError(
+            f"{path} cannot be written, because {above} takes no files "
+            f"({error.strerror}): name another output"
+        ) from error
+
+
 def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
     path, force = Path(options.output), getattr(options, "force", False)
     streamed = options.output_may_stream and is_streamed(options.output)
@@ -85,6 +102,7 @@ def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
                 "replaces: name another output"
             )
     _check_suffix(path, options, folder)
+    _check_writable(path, folder)
     if folder:
         GuardedFolder(path, options.command.__name__.rstrip("_"), force=force)
     elif not streamed:

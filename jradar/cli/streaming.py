@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import functools
-import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import jradar
 from jradar.cli.groups import given_drawing
 from jradar.cli.printing import say
 from jradar.cli.reading import given, opening
+from jradar.cli.verbosity import LOG
 from jradar.errors import UsageError
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
             **stream.quickest(model, **given_drawing(options)),
         )
         writers = open_writers(options, stack)
-        _tell("compiling ..")
+        LOG.warning("compiling ..")
         session = run_session(processor, writers)
     return {
         "radar": "" if recording.radar is None else recording.radar.spec.name,
@@ -138,7 +138,7 @@ def replay(options: argparse.Namespace) -> dict[str, Any]:
         if options.now:
             emulator.start()
         else:
-            _tell(
+            LOG.warning(
                 f"the card at {network.card} waits for START on port "
                 f"{network.command_port}"
             )
@@ -242,14 +242,13 @@ def open_writers(
         )
         stack.callback(server.close)
         writers.append(server)
-        _tell(f"open Foxglove and connect to ws://{server.host}:{server.port}")
+        LOG.warning(
+            "open https://app.foxglove.dev, or the application, and connect to "
+            f"ws://{server.host}:{server.port} (Foxglove WebSocket)"
+        )
     if options.output:
         from jradar.outputs.writers import open_writer
 
         writers.append(open_writer(options.output, force=options.force))
         stack.callback(writers[-1].close)
     return writers
-
-
-def _tell(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

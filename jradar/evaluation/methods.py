@@ -24,6 +24,7 @@ RINGS = 4  # up to the end of the view
 
 Method = Callable[[Key[Array, ""], Any], PointCloud]
 Truth = Callable[[Any], np.ndarray]
+Scored = Callable[[np.ndarray, np.ndarray], dict[str, float]]  # found, true points
 Watch = Callable[[Any, dict[str, Any], PointCloud, np.ndarray], None]
 
 
@@ -38,6 +39,7 @@ def score_frames(
     size: Callable[[Any], int] = lambda frame: 0,
     compiled: set[int] | None = None,
     watch: Watch | None = None,
+    scored: Scored | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Yield the scores of each method on each frame of a sequence, against each truth.
 
@@ -46,7 +48,8 @@ def score_frames(
     `milliseconds` is the wall time of the method. Before the first frame of a `size`,
     an untimed call compiles the method; `compiled` are the sizes that need none, and
     learns those that are seen. `watch` is called with each frame and row, and with the
-    cloud and the true points that were compared.
+    cloud and the true points that were compared. `scored` is one of
+    `protocols.PROTOCOLS`, by default `score_points`.
     """
     if not methods or not truths:
         raise ValueError(
@@ -74,7 +77,7 @@ def score_frames(
                     "method": name,
                     **dict(zip(COUNTS, (len(found), len(truth)), strict=True)),
                     "milliseconds": milliseconds,
-                    **score_points(found, truth),
+                    **(scored or score_points)(found, truth),
                 }
                 if watch is not None:
                     watch(frame, row, cloud, truth)

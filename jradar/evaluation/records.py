@@ -18,12 +18,15 @@ from matplotlib.figure import Figure
 from jradar import data, viz
 from jradar.errors import UsageError
 from jradar.evaluation.methods import Method, Truth, Watch, score_frames
-from jradar.evaluation.report import build_report, save_clouds
+from jradar.evaluation.protocols import PROTOCOLS
+from jradar.evaluation.report import ABOUT, build_report, save_clouds
 from jradar.evaluation.scores import Scores, write_scores
 from jradar.evaluation.statistics import spread
 from jradar.evaluation.tables import overview, write_tables
+from jradar.files import write_text
 from jradar.model import Model, enhance_points
 from jradar.options.drawing import Drawing
+from jradar.options.protocols import PAPER, PROTOCOLS as DEFINITIONS
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
 from jradar.range_image import ImageSpec, unproject
@@ -119,14 +122,20 @@ def write_results(
     methods: dict[str, Method],
     *,
     every: int = 1,
+    about: str = "",
+    protocol: str = PAPER,
 ) -> None:
     """Score methods on every `every`-th frame of each sequence, and print the tables.
 
-    The report shows the clouds of some frames, spread over all of them.
+    The report begins with `about`, a sentence on the frames, and shows the clouds of
+    some of them, spread over all. Scores are those of a `protocol` of `PROTOCOLS`.
     """
-    rows, clouds = score_and_keep(key, view, pairs, methods, every=every)
+    options = {"every": every, "protocol": protocol}
+    rows, clouds = score_and_keep(key, view, pairs, methods, **options)
+    if protocol != PAPER:
+        about = f"{about} Protocol {protocol}: {DEFINITIONS[protocol]}.".strip()
     figures = {"samples": samples(clouds, view.fine)}
-    report = write_report(workdir, rows, clouds, figures)
+    report = write_report(workdir, rows, clouds, figures, about=about)
     print(f"{overview(rows)}\nreport: {report}")
 
 
@@ -139,6 +148,7 @@ def score_and_keep(
     every: int = 1,
     truths: Mapping[str, Truth] | None = None,
     watch: Watch | None = None,
+    protocol: str = PAPER,
 ) -> tuple[Scores, Clouds]:
     """Return the rows of `score_records`, and the clouds of some frames."""
     scored = [i for index in _scored(view.records, every).values() for i in index]
@@ -158,9 +168,8 @@ def score_and_keep(
             named[row["method"]] = surest_points(cloud)
             named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # LiDAR comes last
 
-    rows = score_records(
-        key, view, pairs, methods, every=every, truths=truths, watch=keep
-    )
+    options = {"every": every, "truths": truths, "protocol": protocol}
+    rows = score_records(key, view, pairs, methods, watch=keep, **options)
     return [*rows], clouds
 
 
@@ -169,12 +178,16 @@ def write_report(
     rows: Iterable[dict[str, Any]],
     clouds: Mapping[tuple[str, str, int], Mapping[str, np.ndarray]],
     figures: Mapping[str, Figure],
+    *,
+    about: str = "",
 ) -> Path:
     """Write scores, their tables, clouds and figures, and return the report's path.
 
-    `clouds` are by scene, sequence and frame, and by name.
+    `clouds` are by scene, sequence and frame, and by name. The report begins with the
+    sentence `about`.
     """
     out = workdir / "evaluation"
+    write_text(out / ABOUT, f"{about}\n")
     write_scores(out / "frames.jsonl", rows)
     write_tables(out / "frames.jsonl")
     save_clouds(out / "clouds.npz", clouds)
@@ -192,6 +205,7 @@ def score_records(
     every: int = 1,
     truths: Mapping[str, Truth] | None = None,
     watch: Watch | None = None,
+    protocol: str = PAPER,
 ) -> Iterator[dict[str, Any]]:
     """Yield scores of methods on every `every`-th frame of each sequence.
 
@@ -218,6 +232,7 @@ def score_records(
                 size=lambda frame: len(frame.prepared.radar.valid),
                 compiled=compiled,
                 watch=watch,
+                scored=PROTOCOLS[protocol],
             )
             for row in rows:
                 yield row | {"frame": records.where[index[row["frame"]]][1]}

@@ -3,6 +3,7 @@
     RUN/metrics.jsonl                 learning curves
     RUN/evaluation/frames.jsonl       scores: tables, error curves
     RUN/evaluation/clouds.npz         clouds of a few frames
+    RUN/evaluation/about.txt          the first sentence: what the frames are
     RUN/evaluation/*.png              pictures
     RUN/evaluation/report.html        all of them in one file
 
@@ -11,7 +12,8 @@ curves.png (Fig. 6), clouds.png (Fig. 5) and training.png. Each cloud is written
 clouds/SEQUENCE_FRAME/NAME.ply.
 
 A cloud is an array `[point, 3]` of x, y, z in metres, or `[point, 4]` with the
-confidence of each point, 0 to 1, as its fourth column.
+confidence of each point, 0 to 1, as its fourth column: the page says which share of
+such a cloud may be right.
 """
 
 import json
@@ -38,6 +40,7 @@ from jradar.evaluation.tables import (
 from jradar.files import atomic_folder, atomic_path, check_unpacked, inside
 from jradar.outputs.clouds import write_ply
 from jradar.outputs.page import CloudFrame, checked_points, write_page
+from jradar.range_image import UNSURE
 from jradar.types import PointCloud
 from jradar.viz import learning_curve_figure, save_figure
 from jradar.viz.results import clouds_figure, error_curves_figure
@@ -48,6 +51,7 @@ MAX_REPORT_BYTES = 10_000_000
 MOST_SCENES = 6  # in the figure of clouds: a page has room for few large pictures
 SPARSE = 2000  # points; clouds with fewer are drawn with larger dots
 DRAWN = ("curves.png", "clouds.png", "training.png")
+ABOUT = "about.txt"
 JUDGED = "f_score_0.2"  # the score by which a method is the best
 OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
 
@@ -125,10 +129,14 @@ def build_report(run: Path | str) -> Path:
     others = [p for p in sorted(folder.glob("*.png")) if p.name not in DRAWN]
     figures |= {path.stem: path for path in others}
     path, (best, other) = folder / "report.html", _best_and_rival(first)
+    sentences = _summary(first, best, other)
+    if (folder / ABOUT).is_file():
+        about = (folder / ABOUT).read_text(encoding="utf-8").strip()
+        sentences = f"{about} {sentences}".strip()
     write_page(
         path,
         title=f"{run.resolve().name}: {', '.join(errors)}",
-        summary=_summary(first, best, other),
+        summary=sentences,
         opens_with=[other, best, truths[0]],
         tables=tables,
         figures=figures,
@@ -226,6 +234,13 @@ def _frames(clouds, scores: Scores) -> list[CloudFrame]:
             for name in IN_SCENES
             if np.isfinite(row[name])
         }
+    for place, named in clouds.items():
+        for name, points in named.items():
+            if points.shape[1] == 4 and len(points):
+                sure = float(points[:, 3].mean())
+                verdict = f"{sure:.0%}{'' if sure >= UNSURE else ', do not trust'}"
+                methods = texts.setdefault(place, {})
+                methods[name] = {"may be right": verdict, **methods.get(name, {})}
     title = {place: ", ".join(str(p) for p in place if p != "") for place in clouds}
     return [
         CloudFrame(title[place], named, texts.get(place, {}))

@@ -53,6 +53,7 @@ from jradar.evaluation.tables import COLUMNS, pooled
 from jradar.lidar import LidarSpec
 from jradar.metrics import near_truth
 from jradar.model import FrameGrid, Model, load_model
+from jradar.options.protocols import PAPER, PROTOCOLS as DEFINITIONS
 from jradar.pipeline import Pipeline, of_model
 from jradar.pipeline.warnings import InView
 from jradar.radar.angle.spectrum import azimuth_bins
@@ -64,6 +65,7 @@ DETECTORS = ("os",)
 SENT = "one that sends points"
 SCORED = ("test", "validation")  # splits of records, the first that there is
 JUDGED = "f_score_0.2"
+OF_PROTOCOLS = ("modified_hausdorff", "f_score_0.1")  # further columns
 OWN = ("codec", "validity_threshold", "history")  # fields that models may differ in
 
 
@@ -79,6 +81,7 @@ class Score(NamedTuple):
     clouds: Clouds
     view: RecordsInView
     notes: tuple[str, ...]
+    protocol: str = PAPER
 
     def describe(self) -> dict[str, Any]:
         """Return the tables, in metres and percent; intervals hold 95 %."""
@@ -86,11 +89,13 @@ class Score(NamedTuple):
             "radar": self.radar,
             "frames": sum(self.records.values()),
             "recordings": [f"{k}: {n} frames" for k, n in self.records.items()],
+            "protocol": f"{self.protocol}: {DEFINITIONS[self.protocol]}",
             "notes": list(self.notes),
         }
+        more = () if self.protocol == PAPER else OF_PROTOCOLS
         for truth in dict.fromkeys(row["truth"] for row in self.rows):
             means = pooled(row for row in self.rows if row["truth"] == truth)
-            found[f"against the {truth}"] = [_line(mean) for mean in means]
+            found[f"against the {truth}"] = [_line(mean, more) for mean in means]
         found["by distance"] = [
             {"distance": mean["distance"], **_line(mean)}
             for mean in self._by_distance()
@@ -145,7 +150,10 @@ class Score(NamedTuple):
             bins = {name: reliability(*p).means() for name, p in judged.items()}
             kept = {name: precision_over_coverage(*p) for name, p in judged.items()}
             figures["reliability"] = viz.reliability_figure(bins, kept)
-        return write_report(Path(folder), self.rows, self.clouds, figures)
+        about = ""
+        if self.protocol != PAPER:
+            about = f"Protocol {self.protocol}: {DEFINITIONS[self.protocol]}."
+        return write_report(Path(folder), self.rows, self.clouds, figures, about=about)
 
 
 def score(
@@ -155,12 +163,14 @@ def score(
     split: str | None = None,
     frames: slice = slice(None),
     seed: int = 0,
+    protocol: str = PAPER,
     **opening: Any,
 ) -> Score:
     """Score models and the radar's points on recordings, or on one folder of records.
 
     `split` is that of records, by default test or else validation; `frames` selects
-    frames of each recording, and `opening` are keyword arguments of `open_recording`.
+    frames of each recording, `protocol` is one of `jradar.options.protocols`, and
+    `opening` are keyword arguments of `open_recording`.
     Raises UsageError for models of other views or radar points than the first, for
     models of samples on points, and for records without the split; ValueError for
     recordings without LiDAR, of radars with other antennas, or in which no LiDAR point
@@ -179,7 +189,7 @@ def score(
         check_view(first, records)
         data.pairs_of(first.spec, records)  # refuses a model that sees no points
         methods = {name: drawn(model) for name, model in loaded.items()}
-        return _scored(records, loaded, methods, {}, seed)
+        return _scored(records, loaded, methods, {}, seed, protocol)
     if split is not None:
         raise UsageError(f"{split=}: recordings have no splits, only records do")
     view = {name: getattr(first.spec.frame_grid.view, name) for name in VIEW}
@@ -198,7 +208,8 @@ def score(
         methods = {
             name: _recorded(model, recordings, seed) for name, model in loaded.items()
         }
-        return _scored(Records(scratch), loaded, methods, {WHOLE: whole}, seed)
+        truths = {WHOLE: whole}
+        return _scored(Records(scratch), loaded, methods, truths, seed, protocol)
 
 
 def _recorded(model: Model, recordings: dict[str, Recording], seed: int) -> Method:
@@ -266,7 +277,7 @@ def _records(folder: Path | str, split: str | None) -> Records:
     return Records(folder, found)
 
 
-def _scored(records, models, answers, truths, seed) -> Score:
+def _scored(records, models, answers, truths, seed, protocol) -> Score:
     """Return the scores of the radar's points and of the models' answers on records."""
     first: Model = next(iter(models.values()))
     grid = first.spec.frame_grid
@@ -309,6 +320,7 @@ def _scored(records, models, answers, truths, seed) -> Score:
         methods,
         truths={name: _compared_truth(truth, grid) for name, truth in seen.items()},
         watch=watch,
+        protocol=protocol,
     )
     names = [name for name, _ in records.where]
     return Score(
@@ -328,6 +340,7 @@ def _scored(records, models, answers, truths, seed) -> Score:
         clouds=clouds,
         view=view,
         notes=(*sent.warnings(), *_notes(records, models, rates, rows)),
+        protocol=protocol,
     )
 
 
@@ -374,10 +387,12 @@ def _notes(records, models, rates, rows):
         )
 
 
-def _line(mean: dict[str, Any]) -> dict[str, Any]:
+def _line(mean: dict[str, Any], more: Sequence[str] = ()) -> dict[str, Any]:
     line = {"method": mean["method"]}
     if "chamfer" in mean:
         line["CD (m)"] = mean["chamfer"].mean
+    for name in more:
+        line[COLUMNS[name].title] = COLUMNS[name].scale * mean[name].mean
     line |= _interval(COLUMNS[JUDGED].title, mean[JUDGED])
     line["points"] = round(mean["points"].mean) if mean["frames"] else 0
     if "milliseconds" in mean:

@@ -7,6 +7,7 @@ model.json             spec, grid, tables and card, and the digest of the weight
 import dataclasses
 import hashlib
 import json
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ from jradar.options.models import shipped_models
 from jradar.radar import RadarSpec
 from jradar.range_image import ConfidenceTable, TrustTable
 
+LOG = logging.getLogger(__name__)
 FORMAT = 5
 MARKER, WEIGHTS = "model.json", "weights.safetensors"
 MAX_JSON_BYTES = 1 << 20
@@ -58,6 +60,7 @@ def load_model(name: Path | str) -> Model:
     missing, damaged or of another format.
     """
     model, digest, weights = _described(name)
+    LOG.info("the model %s is %s", name, weights)
     try:
         with open_file(weights, limit=MAX_FILE_BYTES) as file:
             found = hashlib.file_digest(file, "sha256").hexdigest()

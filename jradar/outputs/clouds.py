@@ -2,8 +2,8 @@
 
 A row is a valid point: x, y and z in metres, then what the cloud holds of velocity
 (m/s), power and SNR. PLY and PCD are binary, float32, little-endian, and may hold notes
-as comments. A CSV file begins with the names, and its numbers read back as the same
-float32.
+as comments; an NPZ file of `jradar enhance` holds them as texts named `verdict`. A CSV
+file begins with the names, and its numbers read back as the same float32.
 """
 
 from collections.abc import Callable, Sequence
@@ -93,6 +93,11 @@ CLOUD_WRITERS: dict[str, Callable[..., None]] = {  # path, cloud, notes
     "pcd": write_pcd,
     "csv": write_csv,
 }
+
+
+def verdict_array(verdict: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return the texts on how far to trust a cloud, as NPZ files hold them."""
+    return {"verdict": np.array(verdict, str)}
 
 
 def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:

@@ -17,7 +17,12 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.model import Model
-from jradar.outputs.clouds import CLOUD_WRITERS, valid_points, write_npz
+from jradar.outputs.clouds import (
+    CLOUD_WRITERS,
+    valid_points,
+    verdict_array,
+    write_npz,
+)
 from jradar.outputs.guard import GuardedFolder
 from jradar.pipeline import Detected, Frame, programs
 from jradar.radar import (
@@ -106,6 +111,7 @@ class FrameFolder:
         """Write the clouds of a frame, and its images; return the paths."""
         grid = model.spec.frame_grid
         arrays = grid.pictured(frame.image, frame.pixels)
+        arrays = arrays | verdict_array(frame.verdict)
         shown = {name: arrays.get(name) for name in ("range_image", "polar_image")}
         figure = functools.partial(
             self._figure,

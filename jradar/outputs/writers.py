@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from jradar.errors import UsageError
-from jradar.outputs.clouds import valid_points, write_npz, write_ply
+from jradar.outputs.clouds import valid_points, verdict_array, write_npz, write_ply
 from jradar.outputs.guard import GuardedFolder
 from jradar.outputs.messages import exists
 from jradar.outputs.published import CLOUDS, Published
@@ -54,7 +54,10 @@ class FolderWriter:
         for name, cloud in frame.clouds.items():
             place = f"{frame.number:06d}/{name}"
             points = valid_points(cloud)
-            files[f"{place}.ply"] = functools.partial(write_ply, cloud=cloud)
+            notes = frame.verdict if name == "enhanced" else ()
+            points |= verdict_array(notes) if notes else {}
+            write = functools.partial(write_ply, cloud=cloud, notes=notes)
+            files |= {f"{place}.ply": write}
             files[f"{place}.npz"] = functools.partial(write_npz, arrays=points)
         self._folder.put(files)
 

@@ -113,6 +113,8 @@ class Pipeline:
         if not anyway and (why := warnings.needs_more(model, recording)):
             raise UsageError(why)
         self.recording, self.model, self.fuse = recording, model, fuse
+        radar = None if recording.of_points else recording.radar
+        self._strange = warnings.strange_from(model, radar and radar.spec)
         self.watch = Stopwatch()
         self.history_s = history_s
         if fuse > 1:
@@ -124,7 +126,7 @@ class Pipeline:
         self.reset()
         self._stages = Stages(
             jax.random.key(seed),
-            None if recording.of_points else recording.radar,
+            radar,
             model,
             points=points,
             fuse=fuse,
@@ -139,7 +141,7 @@ class Pipeline:
         self._fused = LastFrames(self.recording, fuse) if fuse > 1 else None
         self._images = LastImages(history) if history > 1 else None
         self._points = self._last_points() if self.history_s else None
-        self._tally = warnings.Tally()
+        self._tally = warnings.Tally(self._strange)
         self._view = warnings.InView(self.model)
 
     def frame(
@@ -225,7 +227,7 @@ class Pipeline:
         if image.confidence is not None and (kept := frame.pixels).any():
             sure = float(np.asarray(image.confidence)[kept].mean())
             frame = frame._replace(confidence=sure)
-        alone = warnings.Tally()
+        alone = warnings.Tally(self._strange)
         for tally in (alone, self._tally):
             tally.add(frame)
         if self.recording.of_points:

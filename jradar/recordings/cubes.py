@@ -25,6 +25,7 @@ from jradar.recordings.descriptions import (
 )
 from jradar.recordings.recording import Format, Recording, Stream
 from jradar.recordings.text_files import check_names, toml
+from jradar.recordings.ti import lanes
 
 AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 DEFAULT_AXES = ("tx", "rx", "chirp", "sample")
@@ -48,6 +49,7 @@ def open_npy(
     path = Path(path)
     description = Path(description or find_description(path, ["*.toml"]))
     radar, capture, notes = read_description(description, device=device)
+    lanes.refuse(path, radar, capture)
     array = _map(path)
     pairs = _holds_pairs(path, array, radar)
     axes = [*(DEFAULT_AXES[-2:] if array.ndim - pairs == 2 else DEFAULT_AXES)]

@@ -4,6 +4,7 @@
 the second configuration in a log of mmWave Studio.
 """
 
+import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,6 +34,7 @@ SIGNS = {
     ".txt": b"API:ProfileConfig",
     ".csv": b"API:ProfileConfig",
 }
+LOG = logging.getLogger(__name__)
 MOST_FRAMES = 10_000_000  # ten days of ten a second
 CAPTURE_TOML = "capture.toml"  # describes a whole rig, and names the radar's file
 
@@ -102,7 +104,9 @@ def read_description(path: Path | str, *, device: str | None = None) -> Descript
         path, number = path.with_name(numbered[1]), int(numbered[2])
     if not path.exists():
         raise FileNotFoundError(f"no such radar description: {path}")
-    return read(path, DESCRIPTIONS, device=device, configuration=number)
+    found = read(path, DESCRIPTIONS, device=device, configuration=number)
+    LOG.info("the radar, a %s, is described by %s", found.radar.name, path)
+    return found
 
 
 def frame_stamps(

@@ -6,7 +6,8 @@
     [file]                              all optional
     axes = ["frame", "chirp", "tx", "rx", "sample"]       of a cube.npy
     iq_order = "IIQQ"                   of an adc_data.bin, see `iq_order`
-    lanes = 4                           enabled, of which a card took two, see `lanes`
+    lanes = 4                           enabled, of which a card took two, see `lanes`;
+                                        of an adc_data.bin, described as configured
 
     [calibration]                       all optional, as `jradar calibrate` writes it
     range_bias_m = 0.066                subtracted from measured ranges
@@ -38,6 +39,7 @@ from jradar.options.recordings import IQ_ORDERS
 from jradar.options.sensor import RadarSpec
 from jradar.recordings.text_files import check_names, radar_of, toml
 from jradar.recordings.ti.frame import CaptureSpec
+from jradar.recordings.ti.lanes import whole
 
 FILE_KEYS = ("axes", "iq_order", "lanes")
 LANES = (0, 1, 2, 4)
@@ -112,13 +114,14 @@ def write_radar_toml(
     radar: "jradar.Radar",
     *,
     iq_order: str = CaptureSpec.iq_order,
+    lanes: int = 0,
     axes: Sequence[str] = (),
     mount: Float[np.ndarray, "4 4"] | None = None,
     comment: str = "",
 ) -> None:
     """Write `radar_toml` to a file; `comment` is put at the top."""
     lines = [f"# {printable(line)}" for line in comment.splitlines()]
-    text = radar_toml(radar, iq_order=iq_order, axes=axes, mount=mount)
+    text = radar_toml(radar, iq_order=iq_order, lanes=lanes, axes=axes, mount=mount)
     write_text(path, "\n".join([*lines, "", text]).lstrip())
 
 
@@ -126,21 +129,26 @@ def radar_toml(
     radar: "jradar.Radar",
     *,
     iq_order: str = CaptureSpec.iq_order,
+    lanes: int = 0,
     axes: Sequence[str] = (),
     mount: Float[np.ndarray, "4 4"] | None = None,
 ) -> str:
     """Return what `read_radar_toml` reads: a radar, its channels and its range bias.
 
     `mount` is base_from_radar, if it was measured. The samples have the `axes` of a
-    cube, or else an `iq_order`.
+    cube, or else an `iq_order`. `lanes` are those of a `Recording`: the radar is then
+    described as it was configured, with the samples that were lost.
     """
-    stored = {"axes": [*axes]} if axes else {"iq_order": iq_order}
+    stored: dict[str, Any] = {"axes": [*axes]} if axes else {"iq_order": iq_order}
+    spec = radar.spec
+    if lanes:
+        stored["lanes"], spec = lanes, whole(spec)
     measured: dict[str, Any] = {"range_bias_m": float(radar.range_bias_m)}
     if radar.channels is not None:
         factors = np.asarray(radar.channels).ravel()
         measured["gain_db"] = (20 * np.log10(abs(factors))).round(4).tolist()
         measured["phase_degrees"] = np.degrees(np.angle(factors)).round(3).tolist()
-    tables = {"radar": asdict(radar.spec), "file": stored, "calibration": measured}
+    tables = {"radar": asdict(spec), "file": stored, "calibration": measured}
     if mount is not None:
         quaternion = scipy.spatial.transform.Rotation.from_matrix(
             mount[:3, :3]

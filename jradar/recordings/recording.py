@@ -14,6 +14,7 @@ Four lists of formats drive this room, and `read` serves them all:
 A new format is one file with a function that reads it, and one entry in a list.
 """
 
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -25,6 +26,7 @@ import jradar
 from jradar.errors import UsageError
 from jradar.lidar import Poses, returns, transform
 
+LOG = logging.getLogger(__name__)
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
 LOOKED_AT = 40  # frames of points that show whether there are elevations
 TAKE_POINTS = "`jradar enhance`, `map`, `odometry`, `prepare`, `score` and `live`"
@@ -91,6 +93,7 @@ class Recording(NamedTuple):
     base_from_imu: Float[np.ndarray, "4 4"] | None = None
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
     iq_order: str = ""  # of an adc_data.bin
+    lanes: int = 0  # enabled, of an adc_data.bin whose lost samples were interpolated
     axes: tuple[str, ...] = ()  # of a .npy
     fields: tuple[tuple[str, str], ...] = ()  # what of the points was read from what
     notes: tuple[str, ...] = ()  # repairs and warnings
@@ -226,4 +229,5 @@ def read(path: Path, formats: Sequence[Format], **options: Any) -> Any:
                 f"{option} = {value!r} does not apply to {path}, {found.name}; it is "
                 f"an option of {'; '.join(takers) or 'no format'}: leave it out"
             )
+    LOG.info("%s is read as %s", path, found.name)
     return found.open(path, **given)

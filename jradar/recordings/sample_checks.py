@@ -6,6 +6,7 @@
     offset binary     unsigned samples, 0 at the most negative voltage
     other antennas    chirps that repeat with another number of transmitters
     half chirps       the halves of a chirp, each taken for a whole one
+    other frames      frames that end elsewhere than described, see `frame_checks`
 
 `check_samples` takes a frame as it was recorded, before any calibration.
 """
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int16, Num
 
+from jradar.recordings.frame_checks import frame_doubts
 from jradar.recordings.recording import Recording
 
 # Full scale of converters with 16, 14 and 12 bits. TI's chips store all in 16 bits,
@@ -103,6 +105,7 @@ def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
 def sample_doubts(recording: Recording, frame: int) -> tuple[str, ...]:
     """Return warnings about the samples of a frame."""
     doubts = check_samples(recording.cubes[frame]).doubts
+    doubts = doubts or (*frame_doubts(recording, frame),)
     return tuple(f"frame {frame}: {doubt}" for doubt in doubts)
 
 

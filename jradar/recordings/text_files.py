@@ -1,6 +1,8 @@
 """Text files: as TOML, as a radar, as a trajectory."""
 
+import dataclasses
 import difflib
+import logging
 import tomllib
 from collections.abc import Collection, Iterable
 from pathlib import Path
@@ -14,6 +16,7 @@ from jradar.files import read_text
 from jradar.lidar import Poses
 from jradar.options.sensor import RadarSpec
 
+LOG = logging.getLogger(__name__)
 MAX_POSES_BYTES = 512 << 20
 
 
@@ -39,9 +42,14 @@ def check_names(
 def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:
     """Return the radar with these fields; errors name the file they come from."""
     try:
-        return RadarSpec.from_dict(values)
+        radar = RadarSpec.from_dict(values)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    if "device" in values:
+        names = [f.name for f in dataclasses.fields(radar) if f.name not in values]
+        text = "%s does not hold %s: the board %s has its own, or the default is taken"
+        LOG.info(text, path, ", ".join(names), values["device"])
+    return radar
 
 
 def read_frame_times(

@@ -1,5 +1,7 @@
 """`jradar calibrate`: a file that `--radar` reads, better spectra, honest words."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from jradar.recordings import open_recording
 from jradar.simulation import simulate_sequence
 from jradar.simulation.capture_writer import simulate_capture
 from jradar.simulation.rig import base_from
+from tests.recordings.dca1000_writer import as_bytes
 
 
 def test_the_written_file_calibrates_the_recording(uncalibrated, run_json, tmp_path):
@@ -32,6 +35,26 @@ def test_the_written_file_calibrates_the_recording(uncalibrated, run_json, tmp_p
     run_json("calibrate", uncalibrated, "-o", again, "--radar", file)
     after = open_recording(uncalibrated, again).radar.channels
     np.testing.assert_allclose(after, factors, atol=0.03)
+
+
+def test_a_capture_of_lost_samples_is_described_as_it_was_configured(
+    uncalibrated, run_json, tmp_path
+):
+    cubes = np.load(uncalibrated)
+    stored = cubes.reshape(*cubes.shape[:-1], -1, 4)[..., :2]
+    capture = tmp_path / "adc_data.bin"
+    capture.write_bytes(as_bytes(np.rint(stored).reshape(*cubes.shape[:-1], -1)))
+    text = uncalibrated.with_name("radar.toml").read_text()
+    axes = re.search("axes = .*", text)[0]
+    (tmp_path / "radar.toml").write_text(text.replace(axes, "lanes = 4"))
+    file = tmp_path / "calibrated.toml"
+    found = run_json("calibrate", capture, "-o", file)
+    assert found["notes"][0].startswith("four LVDS lanes were enabled")
+    plain = open_recording(capture, tmp_path / "radar.toml")
+    better = open_recording(capture, file)
+    assert better.radar.spec == plain.radar.spec and better.lanes == 4
+    assert better.radar.channels is not None
+    np.testing.assert_array_equal(better.cube(5), plain.cube(5))
 
 
 @pytest.mark.slow  # test_level has walks that are not simulated ray by ray

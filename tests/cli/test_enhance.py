@@ -41,6 +41,8 @@ def test_the_result_is_the_librarys(enhance, small_cube, model_folder, tmp_path)
     with np.load(tmp_path / "out" / "enhanced.npz") as file:
         np.testing.assert_allclose(file["range_image"], image, atol=1e-4)
         assert len(file["xyz"]) == (image > 0).sum() == result["enhanced_points"] > 0
+        share = f"{result['confidence_percent']:.0f}% of its points may be right"
+        assert share in file["verdict"]
         distance = np.linalg.norm(file["xyz"], axis=1)
         np.testing.assert_allclose(distance, image[image > 0], atol=1e-4)
     assert (tmp_path / "out" / "capture.png").stat().st_size > 10_000

@@ -29,6 +29,8 @@ def test_wrong_paths_answer_without_numpy():
         "view /no": 2,
         "points pyproject.toml -o pyproject.toml": 2,
         "points pyproject.toml -o pyproject.toml/x": 2,
+        "enhance pyproject.toml -o /proc/foo": 3,
+        "calibrate pyproject.toml -o /proc/foo.toml": 3,
     }
     code = (
         "import sys; from jradar.cli import main\n"
@@ -39,9 +41,10 @@ def test_wrong_paths_answer_without_numpy():
     assert run.stdout == f"{[*codes.values()]}\nFalse False\n"
     lines = run.stderr.splitlines()
     assert len(lines) == len(codes)
-    assert all("no such" in line and "/no" in line for line in lines[:-2])
-    assert "is a file, expected the name of a folder" in lines[-2]
-    assert "pyproject.toml is a file, expected a folder" in lines[-1]
+    assert all("no such" in line and "/no" in line for line in lines[:-4])
+    assert "is a file, expected the name of a folder" in lines[-4]
+    assert "pyproject.toml is a file, expected a folder" in lines[-3]
+    assert all("because /proc takes no files" in line for line in lines[-2:])
 
 
 def test_a_folder_that_is_no_run_has_no_report(tmp_path, refused):

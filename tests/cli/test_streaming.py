@@ -1,5 +1,6 @@
 """`jradar live`, `replay`, `enhance -o out.mcap`: clouds through the same writers."""
 
+import argparse
 import contextlib
 import signal
 import threading
@@ -7,6 +8,7 @@ import threading
 import numpy as np
 import pytest
 
+from jradar.cli.streaming import open_writers
 from jradar.model import save_model
 from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.emulator import Emulator, recorded_frames
@@ -94,6 +96,17 @@ def test_a_live_radar_with_one_row_is_told_what_it_does_not_measure(
     assert "height is not measured: all points lie at height 0" in result["notes"]
     with np.load(tmp_path / "o" / "000000" / "enhanced.npz") as file:
         assert len(file["xyz"]) and not file["xyz"][:, 2].any()
+
+
+def test_a_server_says_what_to_open(capsys):
+    pytest.importorskip("foxglove")
+    pytest.importorskip("websockets")
+    options = {"serve": 0, "serve_host": "127.0.0.1", "allow_origin": [], "output": ""}
+    with contextlib.ExitStack() as stack:
+        (server,) = open_writers(argparse.Namespace(**options), stack)
+        said = capsys.readouterr().err
+    assert "https://app.foxglove.dev" in said
+    assert f"ws://127.0.0.1:{server.port}" in said
 
 
 def test_enhanced_frames_become_one_file(

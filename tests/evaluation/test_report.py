@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from jradar.cli import main
 from jradar.errors import UsageError
 from jradar.evaluation import open_report, read_scores, write_scores
 from jradar.evaluation.report import build_report, load_clouds, save_clouds
@@ -145,6 +146,9 @@ def test_report_holds_tables_curves_and_clouds(run):
     assert "Scenes, against LiDAR" in text and "Scenes, against re-projected" in text
     assert text.count("data:image/png") == 3  # curves, clouds, training
     assert "Hallways, run3, 7" in text and "<th>ms</th>" in text
+    sure = CLOUDS["Hallways", "run3", 7]["jradar"][:, 3].mean()
+    low = ", do not trust" if sure < 0.5 else ""
+    assert '"may be right"' in text and f'"{sure:.0%}{low}"' in text
     for part in ("clouds.npz", "../metrics.jsonl"):
         (run / "evaluation" / part).unlink()
     assert build_report(run).read_text().count("data:image/png") == 1
@@ -162,6 +166,12 @@ def test_report_is_rebuilt_when_a_part_is_newer_and_opened_once(run, monkeypatch
     later = path.stat().st_mtime + 5
     os.utime(scores, (later, later))
     assert open_report(run, show=False).stat().st_mtime_ns > first
+
+
+def test_the_command_prints_what_to_open(run, capsys):
+    assert main(["view", str(run), "--no-open"]) == 0
+    report = run / "evaluation" / "report.html"
+    assert report.resolve().as_uri() in capsys.readouterr().out
 
 
 def test_a_run_that_was_not_evaluated(tmp_path):

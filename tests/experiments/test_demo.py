@@ -9,7 +9,7 @@ from experiments.configs import demo as config_file
 from jradar import recordings
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.evaluation import read_scores
-from jradar.evaluation.report import load_clouds
+from jradar.evaluation.report import build_report, load_clouds
 from jradar.lidar import LidarSpec
 from jradar.model import save_model
 from jradar.options import models
@@ -55,9 +55,10 @@ def test_shipped_models_are_scored(workdir, config, tmp_path, monkeypatch, capsy
     assert "Expect F-scores" in out and "other is for another" in err
     rows = read_scores(workdir / "evaluation" / "frames.jsonl")
     methods = [*dict.fromkeys(row["method"] for row in rows)]
-    drawn = ["one-step estimate", "jradar, Heun 2", "jradar, 2 draws"]
-    more = [*drawn, *(f"more: {d}" for d in drawn), "direct regression"]
-    assert methods == ["OS-CFAR", "CA-CFAR", "splat", *more]
+    drawn = ["one-step estimate", "Heun 2", "2 draws"]
+    named = [f"{name}, {row}" for name in ("jradar-sim", "more") for row in drawn]
+    named.append("plain, direct regression")
+    assert methods == ["OS-CFAR", "CA-CFAR", "splat", *named]
     clouds = load_clouds(workdir / "evaluation" / "clouds.npz")
     for named in clouds.values():
         assert [*named] == ["radar", *methods, "LiDAR"]
@@ -83,7 +84,9 @@ def test_clouds_pictures_and_scores_stand_beside_the_report(
     assert (cloud["x"] == truth[:, 0]).all() and len(truth) > 100
     rows = read_scores(out / "frames.jsonl")
     assert {row["frame"] for row in rows} == {0, 1}
-    assert "lab, lab_200, 1" in (out / "report.html").read_text()
+    report = build_report(workdir).read_text()  # again, from the files
+    assert "lab, lab_200, 1" in report
+    assert "<strong>All frames are simulated</strong>" in report
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from jradar.outputs.video import points_shown
 from jradar.outputs.writers import open_writer
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.radar.angle.spectrum import direction_sines
-from jradar.recordings import describe_file, read_cloud
+from jradar.recordings import describe_file, open_recording, read_cloud
 from jradar.types import PointCloud
 from tests.outputs.readers import mcap_messages
 from tests.outputs.scenes import columns_of, frame_of
@@ -56,6 +56,19 @@ def test_a_folder_holds_clouds_that_can_be_read(tmp_path):
     found = read_cloud(path / "000002" / "radar.ply")
     np.testing.assert_equal(found, columns_of(FRAMES[2].clouds["radar"]))
     assert (path / "000000" / "lidar.npz").is_file()
+
+
+def test_the_verdict_is_in_the_files_of_an_enhanced_cloud(tmp_path):
+    verdict = ("9% of its points may be right", "do not trust frame 1")
+    enhanced = {"enhanced": FRAMES[0].clouds["radar"]}
+    path = write(
+        tmp_path / "out", [FRAMES[0]._replace(clouds=enhanced, verdict=verdict)]
+    )
+    assert b"comment do not trust frame 1" in next(path.rglob("*.ply")).read_bytes()
+    with np.load(next(path.rglob("*.npz"))) as arrays:
+        assert (*arrays["verdict"],) == verdict
+    (found,) = open_recording(path / "000000" / "enhanced.npz").points
+    assert found.xyz.shape == (50, 3)  # texts are not a column
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "out.ros2", "out"])

@@ -8,10 +8,10 @@ import pytest
 
 from jradar.model import load_model
 from jradar.pipeline import Frame
-from jradar.pipeline.warnings import Tally, of_model
+from jradar.pipeline.warnings import Tally, of_model, strange_from
 from jradar.radar import Radar
 from jradar.types import PointCloud
-from tests.models import tiny_model
+from tests.models import tiny_model, tiny_polar_model
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +57,19 @@ def test_a_waveform_beyond_the_training_is_named_with_what_was_seen(card):
     coarse = dataclasses.replace(card.radar, slope_hz_per_s=2e13)
     [text] = of_radar(card, coarse)
     assert "range bins of 0.625 m here, 0.0439 to 0.125 in training" in text
+
+
+@pytest.mark.parametrize("model", [tiny_polar_model(), tiny_model()])
+def test_less_makes_a_frame_of_an_unknown_radar_strange(model):
+    known = model.card.radar
+    other = dataclasses.replace(known, slope_hz_per_s=known.slope_hz_per_s / 3)
+    assert strange_from(model, known) == strange_from(model, None) == 0.99
+    tally = Tally(strange_from(model, other))
+    tally.add(frame(0, unlikeness=0.79))
+    assert [*tally.warnings(None)] == []
+    tally.add(frame(1, unlikeness=0.82))
+    [text] = tally.warnings(None)
+    assert text.startswith("frame 1 of 2 is unlike 80 % of the training frames, and")
 
 
 def test_an_unsure_cloud_of_an_uncalibrated_radar_names_the_fix(card):

@@ -37,6 +37,7 @@ from jradar.recordings.bags.radar_frames import (
     lost_bytes,
 )
 from jradar.recordings.recording import Format, Imu, Recording, loss_notes
+from jradar.recordings.ti import lanes
 from jradar.recordings.ti.dca1000 import (
     bytes_of_frame,
     checked_samples,
@@ -78,6 +79,7 @@ def open_raw_bag(
     else:
         found = described_samples(path, description, iq_order=iq_order, device=device)
     radar, capture, warnings = found
+    lanes.refuse(path, radar, capture)
     topic, kind = topic_of(path, None, DEFINITIONS.__contains__, "raw samples")
     text, own = bag_definition(path, topic) or DEFINITIONS[kind], kind == KIND
     cubes = TopicStream(

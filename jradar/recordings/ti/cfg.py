@@ -93,6 +93,7 @@ def read_cfg(
         has_headers=bool(has_headers),
         range_bias_m=bias_m,
         channel_factors=tuple(factors[NUM_RX * t + r] for t in tx for r in rx),
+        frames=int(counts[3]),
     )
     return radar, capture
 

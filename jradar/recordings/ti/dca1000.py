@@ -54,6 +54,10 @@ USUAL = {  # sizes of a frame, suggested where a description does not fit
     "rx": (1, 2, 3, 4),
     "tx": (1, 2, 3),
 }
+MORE_FRAMES = (
+    "the description asks for {} frames, and the capture holds {}: is it of another "
+    "run, or do its frames have more chirps (loops) than {} for each transmitter?"
+)
 LOOKED_AT = 5  # frames that may show whether samples are missing
 PCAP = "a packet trace: name it .pcap or .pcapng"
 SEPARATED = "data-separated: set dataLoggingMode to raw and record again"
@@ -174,6 +178,8 @@ def recording_of_samples(
     notes, lost, whole = [*warnings], None, 0
     if isinstance(source, Files) and len(source.paths) > 1:
         notes.append(f"{len(source.paths)} files were joined")
+    if 0 < capture.frames < count and count % capture.frames == 0:
+        notes.append(MORE_FRAMES.format(capture.frames, count, radar.num_chirps))
     if rest:
         notes.append(f"the last {rest:,} bytes, less than a frame, were left out")
     if isinstance(source, Packets):
@@ -194,6 +200,7 @@ def recording_of_samples(
         lost_bytes=lost,
         base_from_radar=capture.base_from_radar(),
         iq_order=order,
+        lanes=capture.lanes if missing else 0,
         notes=tuple(notes),
     )
 

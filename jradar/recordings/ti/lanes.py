@@ -14,10 +14,12 @@ first half of the range axis, where most of them are.
 import dataclasses
 import functools
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex, Inexact
 
+from jradar.errors import UsageError
 from jradar.options.sensor import RadarSpec
 from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.iq_order import TWO_LANES
@@ -72,6 +74,25 @@ def halved(radar: RadarSpec) -> RadarSpec:
         num_samples=radar.num_samples // 2,
         sample_rate_hz=radar.sample_rate_hz / 2,
     )
+
+
+def whole(radar: RadarSpec) -> RadarSpec:
+    """Return the radar as it was configured; the inverse of `halved`."""
+    return dataclasses.replace(
+        radar,
+        num_samples=2 * radar.num_samples,
+        sample_rate_hz=2 * radar.sample_rate_hz,
+    )
+
+
+def refuse(path: Path, radar: RadarSpec, capture: CaptureSpec) -> None:
+    """Raise UsageError for lanes that may have lost samples of a bag or a cube."""
+    if may_be_halved(radar, capture.lanes, capture.iq_order):
+        raise UsageError(
+            f"{path}: its description enables {capture.lanes} LVDS lanes, of which a "
+            "card takes 2, and only the lost samples of an adc_data.bin are "
+            "interpolated: describe it in a .toml without lanes if none are missing"
+        )
 
 
 def note(radar: RadarSpec, missing: bool) -> str:

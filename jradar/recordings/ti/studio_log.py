@@ -128,7 +128,8 @@ def _radar(path: Path | str, chosen: Configuration) -> RadarSpec:
 def _replay(path: Path | str) -> Iterator[Configuration]:
     """Yield each complete configuration; the object changes with the next line."""
     now, changed, found = Configuration(), False, 0
-    for number, line in enumerate(read_text(path, errors="replace").splitlines(), 1):
+    text = read_text(path, errors="replace")
+    for number, line in enumerate(text.splitlines(), 1):
         name, _, rest = line.partition("API:")[2].partition(",")
         if name in PLACES:
             place = f"{path}, line {number}: {line!r:.120}"
@@ -140,8 +141,18 @@ def _replay(path: Path | str) -> Iterator[Configuration]:
             changed, found = False, found + 1
             yield now
     needed = [name for name in PLACES if name not in OPTIONAL]
-    if missing := ", ".join(name for name in needed if name not in now):
-        raise ValueError(f"{path}: no {missing}: is it the log of mmWave Studio?")
+    missing = [name for name in needed if name not in now]
+    if missing == needed:
+        begin = text.lstrip().partition("\n")[0]
+        raise ValueError(
+            f"{path} is a text that begins with {begin!r:.60}, not a log of mmWave "
+            "Studio, in which lines hold API:ProfileConfig and others"
+        )
+    if missing:
+        raise ValueError(
+            f"{path} is a log of mmWave Studio without {', '.join(missing)}: send all "
+            "of them to the radar in one session, and take its whole log"
+        )
     if not found:
         yield now
 

@@ -57,6 +57,16 @@ def test_the_cfg_names_the_order(write, swap, order):
     assert recording.cubes[0].dtype == np.complex64
 
 
+@pytest.mark.parametrize(("asked", "noted"), [(0, False), (2, True), (4, False)])
+def test_more_frames_than_were_asked_for_are_noted(tmp_path, asked, noted):
+    (tmp_path / "a.bin").write_bytes(as_bytes(random_cubes(4)))
+    cfg = CFG.replace("frameCfg 0 2 5 0", f"frameCfg 0 2 5 {asked}")
+    (tmp_path / "profile.cfg").write_text(cfg)
+    notes = " ".join(open_recording(tmp_path / "a.bin").notes)
+    assert ("asks for 2 frames, and the capture holds 4" in notes) == noted
+    assert ("more chirps (loops) than 5" in notes) == noted
+
+
 def test_times_and_channel_factors_of_a_cfg(write):
     factors = "compRangeBiasAndRxChanPhase 0.05 " + "1 0 " * 11 + "0 -1\n"
     recording = open_dca1000(*write(STREAM, cfg=CFG + factors))

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from jradar.errors import UsageError
 from jradar.radar import RadarSpec
-from jradar.recordings import open_recording
+from jradar.recordings import open_recorder, open_recording
 from jradar.recordings.ti import lanes
 from tests.recordings.dca1000_writer import as_bytes
 from tests.recordings.lua_writer import COM405, FOUR_LANES, TWO_LANES, script
@@ -147,6 +148,20 @@ def test_a_script_of_four_lanes(capture):
     assert len(capture([halves(quiet)] * 2, text, "a.lua").cubes) == 2
     two = text.replace(FOUR_LANES, TWO_LANES)
     assert capture([whole] * 2, two, "a.lua").notes == ()
+
+
+def test_samples_of_other_files_are_not_restored(capture, tmp_path):
+    """A cube and a bag refuse a description of lost samples in one line."""
+    pytest.importorskip("rosbags")
+    radar = capture([echoes()], TOML, "plain.toml")
+    with open_recorder(tmp_path / "walk.mcap", radar) as recorder:
+        recorder.write(np.frombuffer(as_bytes([echoes()]), np.uint8), 1.0)
+    np.save(tmp_path / "cube.npy", echoes().astype(np.complex64))
+    (tmp_path / "radar.toml").write_text(TOML + "[file]\nlanes = 4\n")
+    with pytest.raises(UsageError, match="cube.npy: its description enables 4 LVDS"):
+        open_recording(tmp_path / "cube.npy", tmp_path / "radar.toml")
+    with pytest.raises(UsageError, match=r"walk.mcap: .* without lanes if none are"):
+        open_recording(tmp_path / "walk.mcap", tmp_path / "radar.toml")
 
 
 def captures(samples):

@@ -27,6 +27,15 @@ def chirps(path, configuration=None):
     return read_studio_log(path, configuration=configuration)[0].num_chirps
 
 
+def test_texts_of_other_kinds_and_unfinished_logs_are_named(log):
+    text = "is a text that begins with 'hello, world', not a log of mmWave Studio"
+    with pytest.raises(ValueError, match=text):
+        read_description(log("hello, world\nand more"))
+    unfinished = "".join(line for line in LOG.splitlines(True) if "Frame" not in line)
+    with pytest.raises(ValueError, match="is a log .* without FrameConfig: send all"):
+        read_description(log(unfinished))
+
+
 def test_an_unusable_configuration_among_several(log):
     both_fire = LOG.replace("0,0,0,1,0,", "0,0,0,3,0,")
     [note] = read_description(log(both_fire + LOG)).notes
@@ -119,7 +128,7 @@ def test_the_choice_is_reported_and_can_be_made(tmp_path):
         (",621,", ",-621,", "slope_hz_per_s"),
         ("AR1642", "", "chip , expected one of"),
         ("AR1642", "AR9999", "chip AR9999, expected one of"),
-        ("API:ProfileConfig", "API:X", "no ProfileConfig: is it"),
+        ("API:ProfileConfig", "API:X", "without ProfileConfig: send all"),
         ("AdcOutConfig,2,1", "AdcOutConfig,2,0", "real samples were recorded"),
         ("0,0,0,1,0,", "0,0,0,1,1,", "expected each chirp to fire one"),
     ],
