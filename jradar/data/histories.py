@@ -95,21 +95,20 @@ class Sender(NamedTuple):
         if self.moving_only:
             kept &= np.abs(np.asarray(cloud.velocity)) > radar.velocity_resolution_mps
         kept = np.flatnonzero(kept)[: self.most]
-        xyz = np.asarray(cloud.xyz, np.float32)[kept]
+        rows: Any = (np.asarray(c, np.float32)[kept] for c in cloud[:1] + cloud[2:4])
+        xyz, velocity, power = rows
         if self.step_m:
             xyz = np.float32(self.step_m * np.round(xyz / self.step_m))
-        power = np.ones(len(xyz), np.float32)
-        if self.with_power:
-            power = np.asarray(cloud.power, np.float32)[kept]
-        velocity = np.asarray(cloud.velocity, np.float32)[kept]
-        return PointCloud(xyz, np.ones(len(xyz), bool), velocity, power)
+        if not self.with_power:
+            power = np.ones_like(power)
+        return PointCloud(xyz, np.ones(len(xyz), bool), velocity, power)  # pyright: ignore[reportArgumentType]
 
 
 class History(NamedTuple):
     """A frame of records, and how its condition is drawn."""
 
     records: Records
-    index: int
+    number: int  # of the frame
     spec: HistorySpec
 
     def drawn(self, random: np.random.Generator) -> PreparedFrame:
@@ -131,7 +130,7 @@ class History(NamedTuple):
 
         `errors` are those of the estimated motion: m/s along the axes, rad/s of yaw.
         """
-        present = self.records[self.index]
+        present = self.records[self.number]
         if count == 1 and sender == Sender():
             return present
         parts = [_aged(sender.sent(self.records, present), 0.0)]
@@ -153,8 +152,8 @@ class History(NamedTuple):
 
         The velocity is in the frame of the radar then.
         """
-        name, later = self.records.where[self.index][0], present
-        for index in range(self.index - 1, max(self.index - 1 - count, -1), -1):
+        name, later = self.records.where[self.number][0], present
+        for index in range(self.number - 1, max(self.number - 1 - count, -1), -1):
             if self.records.where[index][0] != name:
                 return
             frame = self.records[index]
