@@ -164,6 +164,7 @@ def build_network(config: ConfigDict) -> diffusion.Network:
     fields = {"outputs": 2 * build_noise(config).prediction.outputs_per_channel}
     if config.network.get("kind") == "evidence":
         fields |= field_of_view(config.image) | {"codec": config.image.codec}
+        fields["parts"] = len(config.image.channels)
     with section("network"):
         return diffusion.build_network(**{**fields, **config.network})
 
@@ -207,6 +208,7 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             num_slices=config.image.num_slices,
             codec=config.image.codec,
             validity_threshold=config.sampling.validity_threshold,
+            channels=tuple(config.image.channels),
         )
     with section("method"):
         return ModelSpec(
@@ -226,7 +228,14 @@ def build_card(config: ConfigDict, records: data.Records) -> Card:
         steps_seen=config.train.steps_before + config.train.steps,
         trained_on=f"{len(records)} frames {records.digest[:12]}",
         radars=(records.radar, *records.other_radars),
+        sent_points=config.history.sparse > 0,
     )
+
+
+def build_history(config: ConfigDict) -> data.HistorySpec:
+    """Return whose points the conditions of training hold."""
+    with section("history"):
+        return data.HistorySpec(**config.history)
 
 
 def build_augment(config: ConfigDict) -> data.AugmentSpec:

@@ -4,6 +4,8 @@ The detectors' false-alarm rates are chosen on the validation split; the scores 
 the config's split.
 """
 
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import jax
@@ -49,6 +51,7 @@ def check(config: ConfigDict) -> None:
     build.build_loss(config.loss, method=config.method)
     build.build_optimizer(config.train)
     build.build_augment(config)
+    build.build_history(config)
     build.prepare_spec(config)
     initial_weights(config.train)
     for field, name, known in (
@@ -65,9 +68,19 @@ def check(config: ConfigDict) -> None:
 def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on the records' pairs of images."""
     records = build.records_of(config, build.prepared_data(config, workdir), "train")
-    checked = build.records_of(config, records.folder, "validation")
+    history = build.build_history(config)
+    checked = _groups(build.records_of(config, records.folder, "validation"), history)
     spec = build.build_spec(config, records)
-    pairs = data.pairs_of(spec, records)
+    frames, fixed = (
+        make(records, history) for make in (data.histories, data.fixed_histories)
+    )
+    digest = records.digest
+    if config.data.views:
+        views = data.Records(config.data.views, "train")
+        frames, fixed = data.joined(frames, views), data.joined(fixed, views)
+        checked.append(data.Records(config.data.views, "validation"))
+        digest += views.digest
+    pairs = data.pairs_of(spec, fixed)
     card, trust = build.build_card(config, records), trust_of(spec.frame_grid, pairs)
     optimizer = build.build_optimizer(config.train)
     state = training.create_state(
@@ -88,18 +101,18 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     def validated(state, step):
         model = Model(state.ema_params, spec, Tables(trust=trust), card)
         path = workdir / "samples" / f"{step:06d}.png"
-        return validate(config, model, checked, picture=path)
+        return validate(config, model, checked[0], picture=path)
 
     def save(state):
         model = Model(jax.device_get(state.ema_params), spec, Tables(trust=trust), card)
         key = build.random_key(config, build.SAMPLE_KEY)
-        save_model(workdir / "model", with_confidence(key, model, checked))
+        save_model(workdir / "model", with_confidence(key, model, *checked))
 
     return Training(
         state=start_from(config.train, spec.network, state),
         step=step,
         batch_at=training.pair_batches(
-            records,
+            frames,
             spec.grid,
             build.build_augment(config),
             batch_size=config.train.batch_size,
@@ -108,13 +121,35 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         ),
         validate=validated,
         save=save,
-        trained_on=f"{len(records)} frames",
-        data_digest=records.digest,
+        trained_on=f"{len(frames)} frames",
+        data_digest=digest,
     )
 
 
+def _groups(
+    records: data.Records, history: data.HistorySpec
+) -> list[Sequence[data.PreparedFrame]]:
+    """Return frames as the history draws them, then those of each kind alone.
+
+    A confidence that is fitted to all groups holds for each.
+    """
+    if history == data.HistorySpec():
+        return [records]
+    drawn = data.fixed_histories(records, history)
+    alone = (
+        dataclasses.replace(history, single=single, sparse=sparse)
+        for single in (0.0, 1.0)
+        for sparse in (0.0, 1.0)
+    )
+    return [drawn, *(data.fixed_histories(records, spec) for spec in alone)]
+
+
 def validate(
-    config: ConfigDict, model: Model, records: data.Records, *, picture: Path
+    config: ConfigDict,
+    model: Model,
+    records: Sequence[data.PreparedFrame],
+    *,
+    picture: Path,
 ) -> dict[str, float]:
     """Return the scores of the model's default answer on validation frames.
 

@@ -238,6 +238,8 @@ NOT_RUN = {  # and why
     "--model runs/maps": "needs that run",
     "-m experiments.places": "hours; needs ColoRadar's maps",
     "--config.data.path=runs/sim5": "needs that set",
+    "-m experiments.studies.histories": "needs jradar-sim-6",
+    "--config.data.path=runs/sim6": "needs that set",
     "-m experiments.studies.map_views": "half an hour; needs ColoRadar's maps",
     "-m experiments.studies.real_points": "needs a walk of points with poses",
     "-o records_astyx": "needs Astyx's frames",

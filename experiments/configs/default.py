@@ -30,6 +30,9 @@ def get_config():
     # the run tests on them alone.
     config.data.maps = ""
     config.data.without = ""
+    # Views of real maps, as `experiments.studies.map_views` writes them, that are
+    # trained on, too, if named.
+    config.data.views = ""
 
     # How recordings are prepared; the field of view is taken from `image`.
     config.prepare = ConfigDict()
@@ -50,6 +53,8 @@ def get_config():
     config.image.max_range_m = 12.0
     config.image.num_slices = 8
     config.image.codec = "log"  # log, linear or inverse
+    # Of the condition; "age" and "count" describe points of several frames.
+    config.image.channels = ("presence", "range", "power")
     # Training closes gaps up to this wide, which lie between the LiDAR's beams.
     config.image.gap_pixels = 2
 
@@ -93,6 +98,14 @@ def get_config():
     config.train.ema_decay = 0.995
     config.train.checkpoint_every = 200
     config.train.evaluate_every = 900  # scores what `enhance` draws
+
+    # Whose points a condition holds, drawn at random in training: fields of
+    # data.HistorySpec.
+    config.history = ConfigDict()
+    config.history.frames = 1
+    config.history.single = 0.35
+    config.history.sparse = 0.0
+    config.history.drift = 0.0
 
     # How frames change at random in training: fields of data.AugmentSpec.
     config.augment = ConfigDict()

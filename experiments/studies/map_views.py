@@ -9,7 +9,7 @@ A view stands near a place of the robot, level, looking anywhere. Its radar poin
 voxels of the radar's map in view, its LiDAR points the first voxels of the LiDAR's map
 along rays. Radar voxels carry no power, so all have the same. Views of the runs that
 validate and test in `jradar-sim-5` do so here, and `data.without` leaves an environment
-out. Views are in no order, and an interrupted study begins again.
+out. Views are in no order. The same command resumes after its last complete run.
 
 The study's question is closed. It stays because its views are real pairs of radar and
 LiDAR in three dimensions, to train on.
@@ -31,7 +31,7 @@ from experiments.command import run_study, study_parser
 from experiments.configs import marginal
 from jradar import __version__
 from jradar.data import PreparedFrame
-from jradar.data.records import FORMAT, write_shard
+from jradar.data.records import FORMAT, finished_shard, write_shard
 from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.lidar import shared_field_of_view
@@ -55,6 +55,7 @@ VIEWS = 4  # of a place
 TRIES = 8  # times as many places as the run has
 POWER = 1e3  # of each voxel, and its SNR: those of an echo that stands out
 FEW = 48  # views of each run that validates or tests
+THIN = 40, CAPACITY  # points of a thin view
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -62,6 +63,8 @@ def main(argv: list[str] | None = None) -> int:
     parser = study_parser("experiments.studies.map_views", __doc__)
     parser.add_argument("--maps", required=True, help="ColoRadar's maps, a folder")
     parser.add_argument("--views", type=int, default=10_000, help="that train")
+    text = "keep as few points as one or some frames of a radar hold"
+    parser.add_argument("--thin", action="store_true", help=text)
     return run_study(study, parser, argv)
 
 
@@ -83,9 +86,12 @@ def study(options: Namespace) -> None:
         for number, run in enumerate(runs):
             name = f"{run.environment}_{number:05d}"
             count = share if split[run.name] == "train" else FEW
-            frames = itertools.islice(views(run, name), count)
+            about = {"sequence": name, "views": count, "thin": options.thin}
             path = options.output / name / "0000.array_record"
-            shard = write_shard(path, frames, {"sequence": name}, {})
+            if (shard := finished_shard(path, about)) is None:
+                found = views(run, name, thin=options.thin)
+                frames = itertools.islice(found, count)
+                shard = write_shard(path, frames, about, {})
             sequences.append({
                 "name": name,
                 "split": split[run.name],
@@ -101,10 +107,11 @@ def study(options: Namespace) -> None:
     )
 
 
-def views(run: MapRun, name: str) -> Iterator[PreparedFrame]:
+def views(run: MapRun, name: str, *, thin: bool = False) -> Iterator[PreparedFrame]:
     """Yield views of a run's maps, seeded by the name.
 
-    Ends after TRIES times as many places as the run has patches.
+    A thin view has at most THIN points, a number drawn anew. Ends after TRIES times as
+    many places as the run has patches.
     """
     random = np.random.default_rng([*name.encode()])
     radar, lidar = ((voxels + 0.5) * VOXEL_M for voxels in (run.radar, run.lidar))
@@ -138,7 +145,7 @@ def views(run: MapRun, name: str) -> Iterator[PreparedFrame]:
                 lidar_stamp=float(number),
                 world_from_radar=pose,
                 cells=Cells(*np.zeros((3, 1, 1), np.float32)),
-                radar=_cloud(random, seen),
+                radar=_cloud(random, seen, thin),
                 lidar_xyz=hits.astype(np.float32),
             )
 
@@ -152,9 +159,10 @@ def _first_hits(boxes, origin, turn):
     return local[np.linalg.norm(local, axis=1) < VIEW.max_range_m]
 
 
-def _cloud(random, xyz) -> PointCloud:
+def _cloud(random, xyz, thin) -> PointCloud:
     """Return at most CAPACITY of the points, drawn at random, padded."""
-    xyz = random.permutation(xyz)[:CAPACITY]
+    most = round(np.exp(random.uniform(*np.log(THIN)))) if thin else CAPACITY
+    xyz = random.permutation(xyz)[:most]
     valid = np.arange(CAPACITY) < len(xyz)
     padded = np.zeros((CAPACITY, 3), np.float32)
     padded[valid] = xyz

@@ -14,12 +14,18 @@ from jradar.data.frames import (
     notes_of as notes_of,
     preview as preview,
 )
+from jradar.data.histories import (
+    HistorySpec as HistorySpec,
+    fixed_histories as fixed_histories,
+    histories as histories,
+)
 from jradar.data.loading import (
     AugmentedPairs as AugmentedPairs,
     Batch as Batch,
     Batches as Batches,
     Pair as Pair,
     PairSource as PairSource,
+    joined as joined,
     lidar_image as lidar_image,
     pairs_of as pairs_of,
 )

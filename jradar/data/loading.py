@@ -17,10 +17,11 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.data.augment import AugmentSpec, augmented
+from jradar.data.histories import History
 from jradar.data.records import PreparedFrame, package
 from jradar.errors import UsageError
 from jradar.model import ModelSpec, ViewGrid
-from jradar.range_image import ImageSpec, condition_image, project
+from jradar.range_image import CHANNELS, ImageSpec, condition_image, project
 from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
 
@@ -51,19 +52,30 @@ class PairSource(Stream):
         fine: ImageSpec,
         *,
         num_slices: int,
+        channels: tuple[str, ...] = CHANNELS,
     ):
         """`source` is `Records` or a list of frames.
 
         `coarse` is the grid of the condition, `fine` the grid of the LiDAR image.
         """
         self._source, self._coarse, self._fine = source, coarse, fine
-        self._num_slices = num_slices
+        self._slices: Any = {"num_slices": num_slices, "channels": channels}
         super().__init__(self._pair, len(source))
 
     def _pair(self, index):
-        return make_pair(
-            self._source[index], self._coarse, self._fine, num_slices=self._num_slices
-        )
+        frame = self._source[index]
+        return make_pair(frame, self._coarse, self._fine, **self._slices)
+
+
+def joined(*sources: Sequence) -> Stream:
+    """Return the items of all sources, one after another."""
+    ends = np.cumsum([0, *map(len, sources)])
+
+    def item(index):
+        which = int(np.searchsorted(ends, index, side="right")) - 1
+        return sources[which][index - int(ends[which])]
+
+    return Stream(item, int(ends[-1]))
 
 
 def pairs_of(spec: ModelSpec, frames: Sequence[PreparedFrame]) -> PairSource:
@@ -77,14 +89,21 @@ def pairs_of(spec: ModelSpec, frames: Sequence[PreparedFrame]) -> PairSource:
             f"records hold a radar's points, and a model of {grid.kind} images does "
             "not see these: use a model of range images, such as jradar-sim"
         )
-    return PairSource(frames, grid.coarse, grid.fine, num_slices=grid.num_slices)
+    slices: Any = {"num_slices": grid.num_slices, "channels": grid.channels}
+    return PairSource(frames, grid.coarse, grid.fine, **slices)
 
 
 def make_pair(
-    frame: PreparedFrame, coarse: ImageSpec, fine: ImageSpec, *, num_slices: int
+    frame: PreparedFrame,
+    coarse: ImageSpec,
+    fine: ImageSpec,
+    *,
+    num_slices: int,
+    channels: tuple[str, ...] = CHANNELS,
 ) -> Pair:
     """Return the images of a frame, see `PairSource`; a host function."""
-    condition = condition_image(frame.radar, coarse, num_slices=num_slices)
+    slices: Any = {"num_slices": num_slices, "channels": channels}
+    condition = condition_image(frame.radar, coarse, **slices)
     return Pair(np.asarray(condition), lidar_image(frame.lidar_xyz, fine))
 
 
@@ -98,11 +117,17 @@ class AugmentedPairs(NamedTuple):
     fine: ImageSpec
     num_slices: int
     augment: AugmentSpec
+    channels: tuple[str, ...] = CHANNELS
 
-    def __call__(self, frame: PreparedFrame, random: np.random.Generator) -> Pair:
-        """Return the pair of a frame."""
+    def __call__(
+        self, frame: PreparedFrame | History, random: np.random.Generator
+    ) -> Pair:
+        """Return the pair of a frame, or of a history that is drawn anew."""
+        if isinstance(frame, History):
+            frame = frame.drawn(random)
         frame, unknown = augmented(frame, random, self.augment)
-        pair = make_pair(frame, self.coarse, self.fine, num_slices=self.num_slices)
+        slices: Any = {"num_slices": self.num_slices, "channels": self.channels}
+        pair = make_pair(frame, self.coarse, self.fine, **slices)
         return pair._replace(lidar=unknown.marked(pair.lidar, self.fine.azimuth))
 
 

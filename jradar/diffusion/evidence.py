@@ -28,7 +28,7 @@ from jradar.diffusion.unet import Condition, Features, UNet
 from jradar.range_code import encode_range
 
 SMEAR_M = 0.2  # the deviation of a smeared point
-PARTS = 3  # presence, range and power: the condition's channels of a slice
+PARTS = 3  # presence, range and power: the fewest channels of a slice
 FAINT = 1e-3  # of a point: less of it does not reach a pixel
 FIRST_SCALE = 0.02  # of an anchor, in units of the range code
 FIRST_WEIGHT = -2.0  # logit of an anchor that one point supports
@@ -42,6 +42,7 @@ class EvidenceUNet(UNet):
     anchors              components that join those of the trunk in each pixel; no
                          parameter depends on it
     evidence_channels    width of the second path
+    parts                channels of each slice of the condition
     """
 
     azimuth: tuple[float, float] = (-math.pi / 3, math.pi / 3)
@@ -50,6 +51,7 @@ class EvidenceUNet(UNet):
     codec: str = "log"
     anchors: int = 1
     evidence_channels: int = 32
+    parts: int = PARTS
 
     def setup(self) -> None:
         """Define the parts of the U-Net, and the second path."""
@@ -60,6 +62,7 @@ class EvidenceUNet(UNet):
             channels=self.evidence_channels,
             max_range_m=self.max_range_m,
             codec=self.codec,
+            parts=self.parts,
         )
 
     def encode(self, condition: Condition) -> Features:
@@ -69,6 +72,7 @@ class EvidenceUNet(UNet):
             azimuth=self.azimuth,
             elevation=self.elevation,
             max_range_m=self.max_range_m,
+            parts=self.parts,
         )
         return smeared, *super().encode(condition)
 
@@ -98,6 +102,7 @@ class Evidence(nn.Module):
     channels: int
     max_range_m: float
     codec: str
+    parts: int
 
     @nn.compact
     def __call__(
@@ -106,7 +111,7 @@ class Evidence(nn.Module):
         Float[Array, "batch row column output"], Float[Array, "batch row column anchor"]
     ]:
         """Return the correction and the anchors on the grid of the condition."""
-        slices = smeared.shape[-1] // PARTS
+        slices = smeared.shape[-1] // self.parts
         stem = [
             n // m
             for n, m in zip(smeared.shape[1:3], described.shape[1:3], strict=True)
@@ -127,7 +132,7 @@ class Evidence(nn.Module):
 
     def _heaviest(self, smeared, learnt):
         """The anchors of most weight, the heaviest first."""
-        count, place, _ = jnp.split(smeared, PARTS, -1)
+        count, place, *_ = jnp.split(smeared, self.parts, -1)
         slices = count.shape[-1]
         offset, growth, weight = jnp.split(learnt, 3, -1)
         logit = FIRST_WEIGHT + jnp.log(count + FAINT) / 2 + 4 * weight
@@ -150,13 +155,14 @@ def smear(
     azimuth: tuple[float, float],
     elevation: tuple[float, float],
     max_range_m: float,
+    parts: int = PARTS,
 ) -> Condition:
-    """Return the count of points that reach each pixel, their mean place and power.
+    """Return the count of points that reach each pixel, and means of their channels.
 
     These are channels of all slices, one after another, as in the condition. A point
     counts less the farther it is: a Gaussian of deviation SMEAR_M.
     """
-    presence, place, power = jnp.split(condition, PARTS, -1)
+    presence, *others = jnp.split(condition, parts, -1)
     slices = presence.shape[-1]
     middle = (np.arange(slices) + 0.5) * (max_range_m / slices)
     rows, columns = (
@@ -170,7 +176,7 @@ def smear(
 
     count = spread(presence)
     reached = jnp.maximum(count, FAINT)
-    means = (spread(presence * part) / reached for part in (place, power))
+    means = (spread(presence * part) / reached for part in others)
     return jnp.concatenate([count, *means], -1)
 
 

@@ -16,6 +16,7 @@ from jradar.range_image.agreement import (
 )
 from jradar.range_image.codec import (
     CHANNELS as CHANNELS,
+    OF_HISTORY as OF_HISTORY,
     close_gaps as close_gaps,
     condition_image as condition_image,
     decode_target as decode_target,

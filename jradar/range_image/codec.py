@@ -7,6 +7,8 @@ points between surfaces.
 
 The condition has three channels per slice: presence, the point's place in the
 slice (-1 near, 1 far), and its power in decibels relative to the frame's strongest.
+Points of several frames have two more: how old the newest in a pixel is, and how many
+fell there.
 """
 
 import jax
@@ -17,10 +19,13 @@ from jaxtyping import Array, Bool, Float
 from jradar.compiled import jit
 from jradar.range_code import decode_range, encode_range
 from jradar.range_image.grid import ImageSpec
-from jradar.range_image.projection import project_slices
+from jradar.range_image.projection import count_slices, project_slices
 from jradar.types import PointCloud
 
 CHANNELS = ("presence", "range", "power")  # of each slice of the condition
+OF_HISTORY = (*CHANNELS, "age", "count")
+OLDEST_S = 2.0  # the age that is coded as 1
+CROWDED = 64.0  # points in a pixel of a slice that are coded as 1
 DYNAMIC_RANGE_DB = 60.0  # power further below the strongest point is coded as 0
 STEADY = 0.04  # share of the hits; a smaller gain is not a closing pattern
 MOST_REACH = 16
@@ -55,13 +60,18 @@ def decode_target(
     return jnp.where(values[..., 1] > validity_threshold, range_m, 0.0)
 
 
-@jit(static_argnames=("spec", "num_slices"))
+@jit(static_argnames=("spec", "num_slices", "channels"))
 def condition_image(
-    cloud: PointCloud, spec: ImageSpec, *, num_slices: int
+    cloud: PointCloud,
+    spec: ImageSpec,
+    *,
+    num_slices: int,
+    channels: tuple[str, ...] = CHANNELS,
 ) -> Float[Array, "row column channel"]:
     """Return the network's input for a radar cloud.
 
-    It has the `CHANNELS` of all slices, one after another. One cloud; `vmap` it.
+    It has the `channels` of all slices, one after another: `CHANNELS`, or `OF_HISTORY`.
+    One cloud; `vmap` it.
     """
     slices = project_slices(cloud, spec, num_slices=num_slices)
     present = slices.range_m > 0
@@ -74,7 +84,12 @@ def condition_image(
     share = slices.power / jnp.where(strongest > 0, strongest, 1.0)
     below_db = 10 * jnp.log10(jnp.maximum(share, 1e-30))
     power = jnp.where(present, jnp.clip(1 + below_db / DYNAMIC_RANGE_DB, 0.0, 1.0), 0.0)
-    return jnp.concatenate([present.astype(offset.dtype), offset, power], -1)
+    found = [present.astype(offset.dtype), offset, power]
+    if channels != CHANNELS:
+        count, newest = count_slices(cloud, spec, num_slices=num_slices)
+        crowd = jnp.log(jnp.maximum(count, 1.0)) / np.log(CROWDED)
+        found += [jnp.clip(newest / OLDEST_S, 0.0, 1.0), jnp.minimum(crowd, 1.0)]
+    return jnp.concatenate(found, -1)
 
 
 @jit(static_argnames="reach")

@@ -68,15 +68,7 @@ def project_slices(
     check_one_cloud(cloud, "project_slices")
     if num_slices < 1:
         raise ValueError(f"{num_slices=}, expected 1 or more")
-    # Without the barrier, XLA could compute a distance twice with a different last bit,
-    # and the nearest point would not be found again.
-    row, column, distance, inside = jax.lax.optimization_barrier(
-        pixel_of(cloud.xyz, spec)
-    )
-    inside &= cloud.valid
-    steps = jnp.where(inside, distance, 0.0) * (num_slices / spec.max_range_m)
-    part = jnp.minimum(steps.astype(jnp.int32), num_slices - 1)
-    pixel = (row * spec.width + column) * num_slices + part
+    pixel, distance, inside = _slice_pixels(cloud, spec, num_slices)
     shape = (*spec.shape, num_slices)
     size = math.prod(shape)
     nearest = _scatter_min(distance, jnp.where(inside, pixel, size), size)
@@ -94,6 +86,38 @@ def project_slices(
     return SliceImages(
         _zero_if_empty(nearest).reshape(shape), power.reshape(shape), velocity
     )
+
+
+@jit(static_argnames=("spec", "num_slices"))
+def count_slices(
+    cloud: PointCloud, spec: ImageSpec, *, num_slices: int
+) -> tuple[Float[Array, "row column slice"], Float[Array, "row column slice"]]:
+    """Return how many points fell into each pixel of each slice, and the least age.
+
+    The age is in seconds, and 0 without a point. One cloud; `vmap` it.
+    """
+    check_one_cloud(cloud, "count_slices")
+    pixel, distance, inside = _slice_pixels(cloud, spec, num_slices)
+    shape = (*spec.shape, num_slices)
+    size = math.prod(shape)
+    pixel = jnp.where(inside, pixel, size)
+    count = jnp.zeros(size, distance.dtype).at[pixel].add(1.0, mode="drop")
+    age = jnp.zeros_like(distance) if cloud.age is None else cloud.age
+    newest = _zero_if_empty(_scatter_min(age, pixel, size))
+    return count.reshape(shape), newest.reshape(shape)
+
+
+def _slice_pixels(cloud, spec, num_slices):
+    """Pixel and slice of each point in one number, its range, and if it is in view."""
+    # Without the barrier, XLA could compute a distance twice with a different last bit,
+    # and the nearest point would not be found again.
+    row, column, distance, inside = jax.lax.optimization_barrier(
+        pixel_of(cloud.xyz, spec)
+    )
+    inside &= cloud.valid
+    steps = jnp.where(inside, distance, 0.0) * (num_slices / spec.max_range_m)
+    part = jnp.minimum(steps.astype(jnp.int32), num_slices - 1)
+    return (row * spec.width + column) * num_slices + part, distance, inside
 
 
 @jit(static_argnames="spec")

@@ -47,12 +47,14 @@ class TrustTable(NamedTuple):
         return table
 
 
-@jit
+@jit(static_argnames="channels")
 def condition_features(
     condition: Float[Array, "*batch row column channel"],
+    *,
+    channels: tuple[str, ...] = CHANNELS,
 ) -> Float[Array, "*batch feature"]:
     """Return the share of occupied pixels and the mean power of each slice."""
-    slices = condition.shape[-1] // len(CHANNELS)
+    slices = condition.shape[-1] // len(channels)
     present = condition[..., :slices]
     power = condition[..., CHANNELS.index("power") * slices :][..., :slices]
     count = present.sum((-3, -2))

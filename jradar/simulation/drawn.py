@@ -15,6 +15,10 @@ a user's rig, and should not be learned.
     jradar-sim-5-mini   8 frames of each for each split
     jradar-sim-5-row    3,776 frames of the kinds and families, of radars with one row
                         of antennas and RadarHD's chirp; they train
+    jradar-sim-6        walks of 12 frames at 10 Hz through other places of the same
+                        kinds: 30 of each kind, 10 of each older family, 20 of each
+                        environment, with poses; 2 of each to validate and to test
+    jradar-sim-6-mini   one walk of each for each split
 
 A kind is the name of a sequence without its number: it can be left out of training. No
 split shares a layout; runs of ColoRadar that validate or test do not train, but they
@@ -30,24 +34,28 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
+from jradar.lidar import Poses
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings.coloradar.maps import VOXEL_M, MapRun, open_run
 from jradar.recordings.recording import Recording, Stream
 from jradar.simulation.coloradar_writer import coupling
 from jradar.simulation.hardware.hardware import Hardware, make_unit_hardware
-from jradar.simulation.rig import PLATFORM_FROM_BASE, base_from
+from jradar.simulation.rig import PLATFORM_FROM_BASE, base_from, sensor_pose
 from jradar.simulation.scanner import ouster_rays, scan
 from jradar.simulation.scenes.kinds import KINDS, TUNNEL
 from jradar.simulation.scenes.layouts import EYE_M, make_scene
 from jradar.simulation.scenes.scene import Scene, cast, make_body, placements
 from jradar.simulation.scenes.trajectory import pose_at, walk
 from jradar.simulation.scenes.voxels import surfaces
-from jradar.simulation.sequence import Setting, carried, radar_frames
+from jradar.simulation.sequence import Setting, carried, radar_frame
 from jradar.simulation.units import UnitSpec, draw_unit
 
 FRAMES = 8  # of a source
+WALK_FRAMES, WALK_HZ = 12, 10.0  # of a source that is a walk
+WALK_MPS = 0.4  # most of a walk in a map, whose free place is small
 OF_A_MAP = 4  # frames in the same part of a map
 TIME_S, AHEAD_S = 0.2, 0.05  # of a frame; until the scanner looks ahead
 VIEW, ROW_VIEW = np.radians((75, 90))  # half of it, to which rays are cast
@@ -58,6 +66,7 @@ ASIDE = 0.5  # share of the frames in which the rig looks in any direction
 LEAST_SEEN, ANGLES = 0.6, np.radians(np.linspace(-50, 50, 24))  # of a map
 FIRST_SEED = 10_000  # of layouts; those of other sets lie below
 NUMBERS = {"train": 0, "validation": 50_000, "test": 60_000}  # of sources
+WALKS = {"train": 20_000, "validation": 55_000, "test": 65_000}  # of those of walks
 OLDER = ("hallways", "mine", "lab", "outdoor", "corridor", "hall", "home", "forest")
 NEWER = (*KINDS, TUNNEL)
 # Floors, walls and other surfaces of ColoRadar's environments.
@@ -82,7 +91,13 @@ RUNS = {  # of each environment, to validate and to test
 }  # fmt: skip
 NEVER = "_run0"  # the published test runs
 # Sources of each newer kind, older family and environment, of training and of others.
-DRAWN = {"jradar-sim-5": (150, 50, 110, 3), "jradar-sim-5-mini": (1, 1, 1, 1)}
+DRAWN = {
+    "jradar-sim-5": (150, 50, 110, 3),
+    "jradar-sim-5-mini": (1, 1, 1, 1),
+    "jradar-sim-6": (30, 10, 20, 2),
+    "jradar-sim-6-mini": (1, 1, 1, 1),
+}
+OF_WALKS = ("jradar-sim-6", "jradar-sim-6-mini")
 ROW_SOURCES = 28, 24  # of each newer kind and older family
 
 
@@ -95,18 +110,23 @@ class DrawnSource(NamedTuple):
     number: int
     path: str = ""  # of a map, for a real place
     row: bool = False  # one row of antennas
+    walk: bool = False  # all frames show one place, one after the other
 
     def open(self) -> Recording:
         """Return the recording; its frames are simulated on access."""
         radar = described(*_radar(self.name, self.row))
+        walk = WALK_FRAMES, 1 / WALK_HZ
+        count, step_s = walk if self.walk else (FRAMES, 0.0)
         found = recording_of(
-            lambda k: _setting(self, k),
-            FRAMES,
+            lambda k: _setting(self, 0 if self.walk else k),
+            count,
             radar,
             name=self.name,
             view=ROW_VIEW if self.row else VIEW,
+            step_s=step_s,
         )
-        return found._replace(path=Path(self.path))
+        poses = _poses(self) if self.walk else None
+        return found._replace(path=Path(self.path), poses=poses)
 
     def frames(self, recording: Recording, chosen: slice) -> range:
         """Return the numbers of the chosen frames."""
@@ -121,8 +141,9 @@ def drawn_sources(name: str, *, maps: Path | str = "") -> tuple[DrawnSource, ...
     if name not in DRAWN:
         raise UsageError(f"set {name!r}, expected one of {', '.join(DRAWN)}")
     newer, older, mapped, few = DRAWN[name]
+    walk = name in OF_WALKS
     found: list[DrawnSource] = []
-    for split, first in NUMBERS.items():
+    for split, first in (WALKS if walk else NUMBERS).items():
         for kinds, count in ((NEWER, newer), (OLDER, older)):
             numbers = range(first, first + (count if split == "train" else few))
             found += [
@@ -137,7 +158,7 @@ def drawn_sources(name: str, *, maps: Path | str = "") -> tuple[DrawnSource, ...
                 DrawnSource(f"{kind}_{n:05d}", split, kind, n, str(runs[n % len(runs)]))
                 for n in numbers
             ]
-    return tuple(found)
+    return tuple(source._replace(walk=walk) for source in found)
 
 
 def row_sources() -> tuple[DrawnSource, ...]:
@@ -162,19 +183,22 @@ def recording_of(
     *,
     name: str,
     view: float = VIEW,
+    step_s: float = 0.0,
 ) -> Recording:
     """Return a recording whose frames each have a setting of their own.
 
     Frames are simulated on access. `radar` describes the radar of all settings. Scans
-    cover `view` radians to either side.
+    cover `view` radians to either side. The frames of a walk are `step_s` apart in one
+    setting.
     """
-    stamps = np.arange(frames, dtype=float)
+    seen = TIME_S + step_s * np.arange(frames)
+    stamps = seen if step_s else np.arange(frames, dtype=float)
     return Recording(
         name=name,
         path=Path(),
         radar=radar,
-        cubes=Stream(lambda k: _cube(setting_at(k)), frames, stamps),
-        lidar=Stream(lambda k: _scan(setting_at(k), view), frames, stamps),
+        cubes=Stream(lambda k: _cube(setting_at(k), seen, k), frames, stamps),
+        lidar=Stream(lambda k: _scan(setting_at(k), seen, k, view), frames, stamps),
         base_from_radar=base_from("single_chip"),
         base_from_lidar=base_from("lidar"),
     )
@@ -266,7 +290,11 @@ def _setting(source: DrawnSource, frame: int) -> Setting:
         if _seen_share(scene, yaw) > LEAST_SEEN:
             break
         yaw = random.uniform(-np.pi, np.pi)
-    setting = carried(scene, seed, _unit(source.name, source.row), yaw_rad=yaw)
+    unit = _unit(source.name, source.row)
+    if source.walk and source.path:
+        speed = min(WALK_MPS, unit.speed_mps or 0.0)
+        unit = dataclasses.replace(unit, speed_mps=speed)
+    setting = carried(scene, seed, unit, yaw_rad=yaw)
     return setting._replace(radars={"single_chip": _radar(source.name, source.row)})
 
 
@@ -279,17 +307,27 @@ def _seen_share(scene, yaw) -> float:
     return float((hits.distance < REACH_M).mean())
 
 
-def _cube(setting):
-    """Return the radar's samples of a frame."""
-    (pairs,) = radar_frames(setting, "single_chip", np.array([TIME_S]))
+def _cube(setting, seen, frame):
+    """Return the samples of a frame; each of a walk has noise of its own."""
+    number = frame if seen[frame] != TIME_S else 0
+    pairs = radar_frame(setting, "single_chip", seen[frame], number)
     return np.asarray(pairs).astype(np.float32).view(np.complex64)[..., 0]
 
 
-def _scan(setting, view):
+def _scan(setting, seen, frame, view):
     """Return the part of the LiDAR's scan that the radar can see."""
     directions, seconds = _rays(view)
-    random = np.random.default_rng([setting.seed, 1])
-    return scan(random, setting.scene, TIME_S - AHEAD_S, directions, seconds)
+    number = frame if seen[frame] != TIME_S else 0
+    random = np.random.default_rng([setting.seed, 1, number])
+    return scan(random, setting.scene, seen[frame] - AHEAD_S, directions, seconds)
+
+
+@functools.cache  # a place takes a second to make, and sources are opened often
+def _poses(source: DrawnSource) -> Poses:
+    """Return the true poses of the base, from before the first frame to the last."""
+    stamps = TIME_S + np.arange(-1, WALK_FRAMES + 1) / WALK_HZ
+    xyz, turn = sensor_pose(_setting(source, 0).scene.platform, "base", stamps)
+    return Poses(stamps, xyz, Rotation.from_matrix(turn).as_quat())
 
 
 @functools.cache

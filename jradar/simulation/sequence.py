@@ -145,17 +145,24 @@ def stream_stamps(
 
 def radar_frames(setting: Setting, sensor: str, stamps: np.ndarray) -> Iterator:
     """Yield a radar's frames [tx, rx, chirp, sample, 2] in int16."""
-    radar, hardware = setting.radars[sensor]
-    scene, counts = setting.scene, setting.unit.clutter_counts
-    key = jax.random.fold_in(jax.random.key(setting.seed), len(sensor))
     for frame, time_s in enumerate(stamps):
-        now, unit = float(time_s), setting.unit
-        paths = radar_paths(scene, setting.reflectors, sensor, now, radar, unit=unit)
-        if counts:
-            view = viewpoint(scene.platform, sensor, now)
-            diffuse = diffuse_clutter(setting.seed, view, radar, counts=counts)
-            paths = joined([paths, diffuse])
-        yield sample_frame(jax.random.fold_in(key, frame), paths, hardware, radar)
+        yield radar_frame(setting, sensor, float(time_s), frame)
+
+
+def radar_frame(setting: Setting, sensor: str, time_s: float, frame: int) -> jax.Array:
+    """Return the samples [tx, rx, chirp, sample, 2] of a time, in int16.
+
+    The number of the `frame` determines its noise.
+    """
+    radar, hardware = setting.radars[sensor]
+    scene, unit = setting.scene, setting.unit
+    key = jax.random.fold_in(jax.random.key(setting.seed), len(sensor))
+    paths = radar_paths(scene, setting.reflectors, sensor, time_s, radar, unit=unit)
+    if counts := unit.clutter_counts:
+        view = viewpoint(scene.platform, sensor, time_s)
+        diffuse = diffuse_clutter(setting.seed, view, radar, counts=counts)
+        paths = joined([paths, diffuse])
+    return sample_frame(jax.random.fold_in(key, frame), paths, hardware, radar)
 
 
 def lidar_scans(setting: Setting, stamps: np.ndarray) -> Iterator[np.ndarray]:

@@ -29,7 +29,7 @@ FAR = 1e6  # a squared distance, or a number of columns, beyond all others
 
 
 def pair_batches(
-    frames: Sequence[data.PreparedFrame],
+    frames: Sequence,
     grid: ViewGrid,
     change: data.AugmentSpec,
     *,
@@ -40,10 +40,14 @@ def pair_batches(
 ) -> Callable[[int], Batch]:
     """Return the function from a step to a batch of frames, changed at random.
 
+    `frames` are prepared ones, or `data.histories`.
+
     Gaps of `gap_pixels` between the LiDAR's beams are closed. If beams are farther
     apart, `reach` pixels, empty pixels that close to a hit are not learnt.
     """
-    pairs = data.AugmentedPairs(grid.coarse, grid.fine, grid.num_slices, change)
+    pairs = data.AugmentedPairs(
+        grid.coarse, grid.fine, grid.num_slices, change, grid.channels
+    )
     batches = data.Batches(frames, seed=seed, batch_size=batch_size, change=pairs)
 
     def batch_at(step: int) -> Batch:

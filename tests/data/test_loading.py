@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.data.loading import Batches, PairSource, lidar_image
+from jradar.data.loading import Batches, PairSource, joined, lidar_image
 from jradar.range_image import ImageSpec, condition_image, project
 from jradar.types import PointCloud
 from tests.data.prepared import invented_frame
@@ -72,3 +72,9 @@ def test_a_damaged_item_is_an_error_of_its_batch_and_no_items_are_refused():
         batches[0]
     with pytest.raises(ValueError, match="no frames"):
         Batches([], seed=0, batch_size=1)
+
+
+def test_sources_are_joined_one_after_another():
+    found = joined("ab", "", "cde")
+    assert len(found) == 5 and "".join(found) == "abcde"
+    assert found[-1] == "e" and len(joined()) == 0

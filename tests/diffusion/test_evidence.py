@@ -87,6 +87,22 @@ def test_without_a_correction_the_other_components_are_those_of_the_unet(
     np.testing.assert_allclose(found[..., :14], expected, atol=0.01)  # of about 1
 
 
+def test_weights_fit_a_condition_with_more_channels_and_answer_the_same(tmp_path):
+    known = random_params(NETWORK, *ARGS)
+    path = tmp_path / "known.safetensors"
+    diffusion.write_params(path, known, dtype=np.float32)
+    wider = diffusion.build_network(
+        kind="evidence", anchors=4, parts=5, **FIELDS, **VIEW
+    )
+    condition = jnp.abs(jax.random.normal(jax.random.key(1), ARGS[2].shape))
+    more = jnp.concatenate([condition, jnp.ones((1, *CONDITION, 8))], -1)
+    first = jax.jit(wider.init)(jax.random.key(0), *ARGS[:2], more)
+    params, _ = diffusion.load_pretrained(path, wider, first)
+    expected = apply(NETWORK, known, *ARGS[:2], condition)
+    found = apply(wider, params, *ARGS[:2], more)
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
 def test_gradients_are_finite_without_a_point_and_with_one(first_params):
     @jax.jit
     @jax.grad

@@ -92,6 +92,10 @@ def test_tables_name_the_rate_the_missing_interval_and_the_first_model(found, mo
     compared = [line["methods"] for line in tables["compared"]]
     others = ("OS-CFAR", "splat", models[1])
     assert compared == [f"{m} minus {models[0]}" for m in others]
+    of = {line["method"]: line["F 0.2 m (%)"] for line in lines}
+    for name, line in zip(others, tables["compared"], strict=True):
+        expected = of[name] - of[models[0]]
+        assert line["F 0.2 m (points)"] == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_folder_holds_scores_tables_pictures_and_clouds(found, tmp_path):

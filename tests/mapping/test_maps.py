@@ -292,6 +292,17 @@ def test_a_plan_is_occupied_free_or_unknown_as_map_server_reads_it(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {*mapping.FILES}
 
 
+def test_a_plan_is_of_heights_relative_to_the_path_where_it_climbs():
+    path = np.array([[0.05, 0.05, 0.0], [3.0, 0.05, 6.0]])
+    voxels = np.array([[1, 1, 40], [20, 1, 40]])  # at 6 m, above and at the radar
+    wall, free = mapping.Occupied(voxels, np.full(2, 0.9)), np.zeros((0, 3), int)
+    grid, corner = occupancy_grid(
+        mapping.RecordingMap(GRID, wall, wall, free, path, ())
+    )
+    row, column = np.argwhere(grid == 0).T
+    assert (column * 0.15 + corner[0]).tolist() == [20 * 0.15]
+
+
 def test_the_outline_is_the_smallest_circle():
     angle = np.linspace(0, 2 * np.pi, 100)
     rim = np.stack([7 + 20 * np.cos(angle), 20 * np.sin(angle), 0 * angle], -1)

@@ -1,11 +1,15 @@
 """Maps of recordings: where poses come from, and which paths are refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from jradar import mapping, open_recording
 from jradar.errors import UsageError
 from jradar.lidar import Poses
+from jradar.recordings import Recording, Stream
+from jradar.types import PointCloud
 from tests.models import tiny_map_model
 from tests.recordings.small_sequence import write_sequence
 
@@ -42,6 +46,29 @@ def test_without_poses_doppler_gives_the_path(recording):
     assert "poses from Doppler and none" in found.notes
     ground = found.path[:, :2]  # the radar stands; few echoes show its height
     assert np.ptp(ground, axis=0).max() < 0.2
+
+
+def test_what_moves_is_left_out_of_the_map():
+    rng, frames = np.random.default_rng(0), []
+    for k in range(FRAMES):
+        wall = np.stack([np.full(40, 6 - 0.1 * k), *rng.uniform(-2, 2, (2, 40))])
+        person = np.stack([np.full(9, 3.0), *rng.uniform(0.5, 0.6, (2, 9))])
+        xyz = np.concatenate([wall, person], 1).T.astype(np.float32)
+        towards = -xyz[:, 0] / np.linalg.norm(xyz, axis=1)
+        velocity = towards + np.repeat([0, 0.8], [40, 9])
+        frames.append(PointCloud(xyz, np.ones(49, bool), np.float32(velocity)))
+    stamps = 0.1 * np.arange(FRAMES)
+    times = np.arange(-0.5, 2, 0.1)
+    rows = np.stack([times, 0 * times, 0 * times], 1)
+    walk = Recording(
+        "walk",
+        Path("walk"),
+        points=Stream(frames.__getitem__, FRAMES, stamps),
+        poses=Poses(times, rows, np.eye(4)[[3] * len(times)]),
+        base_from_radar=np.eye(4),
+    )
+    x = 0.15 * mapping.map_recording(walk, tiny_map_model()).radar.voxels[:, 0]
+    assert len(x) and x.min() > 5.5
 
 
 def test_a_short_or_standing_walk_is_noted(recording):

@@ -38,6 +38,17 @@ def test_a_voxel_counts_once_a_frame_within_bounds_and_range():
     assert found.occupied()[1] == pytest.approx(0.97)
 
 
+def test_a_voxel_with_a_point_is_not_missed_by_a_ray_of_its_frame():
+    found = VoxelMap(SensorModel(voxel_m=1.0))
+    found.add(
+        [[2.5, 0.5, 0.5], [6.5, 1.3, 1.3]], np.eye(4)
+    )  # the second passes (2, 0, 0)
+    voxels, probability = found.occupied(above=0.0)
+    by_voxel = dict(zip(map(tuple, voxels.tolist()), probability, strict=True))
+    assert by_voxel[2, 0, 0] == pytest.approx(0.7)
+    assert by_voxel[3, 0, 0] == pytest.approx(0.4)
+
+
 @pytest.mark.parametrize("read", [False, True])
 def test_bounds_act_after_every_frame_whenever_the_map_is_read(read):
     found = VoxelMap(SensorModel(voxel_m=1.0))

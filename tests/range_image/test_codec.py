@@ -7,6 +7,7 @@ import pytest
 
 from jradar.range_code import CODECS
 from jradar.range_image import (
+    OF_HISTORY,
     ImageSpec,
     close_gaps,
     condition_image,
@@ -74,6 +75,20 @@ def test_condition_holds_presence_place_and_power():
     assert not condition_image(nothing, spec, num_slices=4).any()
     with pytest.raises(ValueError, match="num_slices=0, expected 1 or more"):
         condition_image(cloud, spec, num_slices=0)
+
+
+def test_points_of_several_frames_have_the_least_age_and_their_count():
+    xyz = jnp.asarray([[3.0, 0.01, 0.01], [3.1, 0.01, 0.01], [9.0, 0.01, 0.01]])
+    cloud = PointCloud(xyz, jnp.ones(3, bool), age=jnp.asarray([1.0, 0.5, 4.0]))
+    spec = ImageSpec(8, 8, max_range_m=12.0)
+    found = condition_image(cloud, spec, num_slices=2, channels=OF_HISTORY)
+    np.testing.assert_array_equal(
+        found[..., :6], condition_image(cloud, spec, num_slices=2)
+    )
+    pixel = tuple(np.argwhere(np.asarray(found[..., 0]))[0])
+    np.testing.assert_allclose(found[pixel][6:8], [0.25, 1.0])  # 0.5 s of 2, and 4
+    np.testing.assert_allclose(found[pixel][8:], [np.log(2) / np.log(64), 0.0])
+    assert np.count_nonzero(found[..., 6:]) == 3
 
 
 def test_a_wall_seen_by_few_beams_is_closed_and_no_wider():

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from jradar.errors import UsageError
+from jradar.lidar import interpolate_poses, transform
 from jradar.model.grids.polar import RADARHD
 from jradar.recordings import nearest_scan
 from jradar.recordings.coloradar.calib import read_coupling, read_frequency_phase
@@ -37,7 +39,7 @@ def test_splits_share_neither_layouts_nor_runs(tmp_path):
 
 def test_sets_and_maps_that_are_missing_are_named(tmp_path):
     with pytest.raises(UsageError, match="expected one of jradar-sim-5"):
-        drawn_sources("jradar-sim-6")
+        drawn_sources("jradar-sim-7")
     with pytest.raises(FileNotFoundError, match="no arpg_lab_runN"):
         drawn_sources("jradar-sim-5", maps=tmp_path)
     kinds = {source.kind for source in drawn_sources("jradar-sim-5-mini")}
@@ -71,6 +73,28 @@ def test_a_frame_is_the_same_whenever_it_is_drawn():
     assert np.abs(first - other).max() > 1
     ahead = np.linalg.norm(first[:, :3], axis=1) > 0
     assert 15_000 < len(first) < 65_536 and ahead.mean() > 0.3
+
+
+def test_the_frames_of_a_walk_show_one_place_along_its_poses():
+    sources = drawn_sources("jradar-sim-6-mini")
+    moving = (s for s in sources if (drawn._unit(s.name, False).speed_mps or 0) > 0.5)
+    walk = next(moving).open()
+    assert len(walk.cubes) == drawn.WALK_FRAMES and len(walk.poses.stamps) == 14
+    poses = interpolate_poses(walk.poses, walk.cubes.stamps) @ walk.base_from_lidar
+    first, later = (nearest_scan(walk, k)[:, :3] for k in (0, 2))
+    first, later = (xyz[np.linalg.norm(xyz, axis=1) > 0] for xyz in (first, later))
+    moved = transform(np.linalg.inv(poses[2]) @ poses[0], first)
+    near = cKDTree(later).query(moved)[0]
+    still = cKDTree(later).query(first)[0]
+    assert np.median(near) < 0.6 * np.median(still)
+    assert not np.array_equal(walk.cube(0), walk.cube(1))
+
+
+def test_walks_and_single_frames_share_no_place():
+    walks = drawn_sources("jradar-sim-6")
+    singles = {(s.kind, s.number) for s in drawn_sources("jradar-sim-5")}
+    assert not singles & {(s.kind, s.number) for s in walks}
+    assert {s.kind for s in walks} == {*drawn.NEWER, *drawn.OLDER}
 
 
 def test_sources_of_one_row_have_radarhds_chirp_and_layouts_that_train():

@@ -162,6 +162,15 @@ def test_of_the_change_so_much_is_kept_as_old_places_bear(
         np.testing.assert_allclose(leaf, share, atol=1e-5)
 
 
+def test_forgetting_is_judged_on_frames_that_are_not_replayed(records, start):
+    (frame, *_) = own = Records(records, "validation")
+    other = frame._replace(lidar_xyz=frame.lidar_xyz + np.float32(9))
+    model, old = load_model(start), Old([other], [frame])
+    scores = choosing.both_scores(model, own, old)
+    assert scores.old == choosing.frame_scores(model, [frame])
+    assert scores.old != choosing.frame_scores(model, [other])
+
+
 def test_records_without_a_validation_split_say_how_to_get_one(start, tmp_path):
     source, folder = tmp_path / "source", tmp_path / "records"
     source.mkdir()

@@ -6,12 +6,21 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.spatial import KDTree
 
 from jradar import training
+from jradar.data import AugmentSpec
 from jradar.diffusion import NoiseSpec
 from jradar.model.grids.polar import LIDAR
-from jradar.training.targets import REACH_M, polar_nearness, voxel_nearness
+from jradar.training.targets import (
+    REACH_M,
+    pair_batches,
+    polar_nearness,
+    voxel_nearness,
+)
+from tests.data.prepared import invented_frame
+from tests.models import SPEC
 
 
 def walls(seed):
@@ -36,6 +45,21 @@ def test_nearness_is_that_of_a_nearest_neighbour_search():
     assert not found[2].any()
     with pytest.raises(ValueError, match=r"8 x 8 pixels, expected \(256, 512\)"):
         polar_nearness(jnp.zeros((1, 8, 8, 1)))
+
+
+def test_pixels_between_far_beams_are_not_learnt():
+    frame = invented_frame(0, lidar_points=40)
+    grid = SPEC.grid
+    batch, known = (
+        pair_batches([frame], grid, AugmentSpec(), batch_size=1, seed=0, **reach)(0)
+        for reach in ({"reach": 4}, {})
+    )
+    validity, plain = (np.asarray(b.target)[0, ..., 1] for b in (batch, known))
+    assert set(np.unique(plain)) == {-1, 1}
+    apart = ndimage.distance_transform_cdt(plain < 0, metric="chessboard")
+    near = (plain < 0) & (apart <= 4)
+    assert near.any() and not validity[near].any()
+    np.testing.assert_array_equal(validity[~near], plain[~near])
 
 
 def test_nearness_is_one_in_a_voxel_and_falls_by_a_third_with_each_around_it():

@@ -12,6 +12,7 @@ different head, and ignores the published output layer.
 """
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 import safetensors
 
+from jradar.diffusion.evidence import PARTS
 from jradar.diffusion.network import Network, network_fields
 from jradar.diffusion.predictions import PREDICTIONS
 from jradar.diffusion.unet import UNet
@@ -39,6 +41,8 @@ from jradar.errors import parsing
 # Prefixes in files written here.
 OWN, TOWER, EVIDENCE = "params/", "params/tower/", "params/evidence/"
 HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
+# Convolutions of the channels of a condition.
+CONDITIONED = ("params/tower/input/kernel", "params/evidence/conv0/kernel")
 MEANS = 2  # outputs of every prediction: range and validity
 # Fields of a network that the shapes of its parameters do not determine.
 UNSHAPED = (
@@ -122,6 +126,8 @@ def _load_trained_here(path, state, params, network):
     for name, tensor in state.items():
         if name.startswith(HEADS):
             tensor = _with_outputs(tensor, flat[name].shape[-1], network.outputs)
+        if name in CONDITIONED:
+            tensor = _with_channels(tensor, flat[name].shape, network)
         _check_shape(path, name, tensor, flat[name])
         loaded[name] = jnp.asarray(tensor, flat[name].dtype)
     params = flax.traverse_util.unflatten_dict(flat | loaded, sep="/")
@@ -137,6 +143,21 @@ def _with_outputs(tensor, size, outputs):
     each = tensor.reshape(*tensor.shape[:-1], pixels, -1)[..., :MEANS]
     missing = [(0, 0)] * (each.ndim - 1) + [(0, outputs - each.shape[-1])]
     return np.pad(each, missing).reshape(*tensor.shape[:-1], size)
+
+
+def _with_channels(tensor, shape, network):
+    """A convolution of conditions, with zeros for channels that have become more."""
+    parts = getattr(network, "parts", 0)
+    more = shape[2] - tensor.shape[2]
+    if parts <= PARTS or more <= 0:
+        return tensor
+    patch = math.prod(network.condition_stem)
+    if tensor.shape[2] * parts == shape[2] * PARTS:  # of the tower's patches
+        tensor = tensor.reshape(*tensor.shape[:2], patch, -1, tensor.shape[-1])
+        missing = [(0, 0)] * 3 + [(0, more // patch), (0, 0)]
+        return np.pad(tensor, missing).reshape(shape)
+    known = more * PARTS // (parts - PARTS)  # of the evidence: features come after
+    return np.insert(tensor, [known] * more, 0, axis=2)
 
 
 def _unshaped(network):

@@ -16,6 +16,7 @@ from jradar.model.grids.view.answers import METHODS
 from jradar.range_code import CODECS
 from jradar.range_image import (
     CHANNELS,
+    OF_HISTORY,
     ImageSpec,
     RangeImage,
     condition_features,
@@ -42,8 +43,13 @@ class ViewGrid(FrameGrid):
     num_slices: int
     codec: str
     validity_threshold: float = 0.0
+    channels: tuple[str, ...] = CHANNELS  # of each slice of a condition
 
     def __post_init__(self):
+        if self.channels not in (CHANNELS, OF_HISTORY):
+            raise ValueError(
+                f"channels = {self.channels}, expected {CHANNELS} or {OF_HISTORY}"
+            )
         if self.codec not in CODECS:
             raise ValueError(f"codec = {self.codec!r}, expected one of {[*CODECS]}")
 
@@ -60,15 +66,16 @@ class ViewGrid(FrameGrid):
     @property
     def condition_shape(self) -> tuple[int, int, int]:
         """The channels of each slice, for each coarse pixel."""
-        return (*self.coarse.shape, len(CHANNELS) * self.num_slices)
+        return (*self.coarse.shape, len(self.channels) * self.num_slices)
 
     def condition(self, samples, points, radar):
         """Return the points as range images; samples are not used."""
-        return condition_image(points, self.coarse, num_slices=self.num_slices)
+        slices = {"num_slices": self.num_slices, "channels": self.channels}
+        return condition_image(points, self.coarse, **slices)
 
     def features(self, condition):
         """Return the share of pixels and the power of each slice."""
-        return condition_features(condition)
+        return condition_features(condition, channels=self.channels)
 
     def calibrated(self, image: RangeImage, tables) -> RangeImage:
         """Return the image with the table's confidence, if it has any."""
