@@ -192,6 +192,7 @@ def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]
 def finetune(options: argparse.Namespace) -> dict[str, Any]:
     """Fine-tune a model on the records of your own rig."""
     from jradar.training import FinetuneSpec, finetune as tune
+    from jradar.training.finetuning import RUN
 
     try:
         chosen = given(options, "steps", "learning_rate", "forget")
@@ -201,7 +202,8 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
     except ValueError as error:
         raise UsageError(str(error)) from error
     folder, replay = Path(options.output), options.replay_records
-    if replay is None and not (folder / "model").is_dir():
+    there = {path.name for path in folder.glob("[!.]*")}
+    if replay is None and (not there or RUN in there) and "model" not in there:
         LOG.warning(OLD_PLACES, folder / "replay")
     try:
         found = tune(

@@ -98,15 +98,14 @@ def test_a_live_radar_with_one_row_is_told_what_it_does_not_measure(
         assert len(file["xyz"]) and not file["xyz"][:, 2].any()
 
 
-def test_a_server_says_what_to_open(capsys):
+def test_a_server_says_what_to_open(caplog):
     pytest.importorskip("foxglove")
     pytest.importorskip("websockets")
     options = {"serve": 0, "serve_host": "127.0.0.1", "allow_origin": [], "output": ""}
     with contextlib.ExitStack() as stack:
         (server,) = open_writers(argparse.Namespace(**options), stack)
-        said = capsys.readouterr().err
-    assert "https://app.foxglove.dev" in said
-    assert f"ws://127.0.0.1:{server.port}" in said
+    assert "https://app.foxglove.dev" in caplog.text
+    assert f"ws://127.0.0.1:{server.port}" in caplog.text
 
 
 def test_enhanced_frames_become_one_file(

@@ -1,6 +1,7 @@
 """What is left of an output after kill -9, a full disk, or a second writer."""
 
 import contextlib
+import functools
 import os
 import signal
 import struct
@@ -19,9 +20,19 @@ FRAMES = 40
 
 
 @pytest.fixture(autouse=True, scope="module")
-def packages():
+def packages(tmp_path_factory):
+    """What a writer loads is loaded here, and not in each process that is killed."""
     for package in ("foxglove", "rosbags", "mcap"):
         pytest.importorskip(package)
+    for name in NAMES:
+        with contextlib.closing(open_writer(tmp_path_factory.mktemp("a") / name)) as w:
+            w.write(frame_of(0, points=1))
+
+
+@functools.cache
+def frames():
+    """The frames that are written."""
+    return jax.device_get([frame_of(n, points=5000) for n in range(FRAMES)])
 
 
 @pytest.fixture
@@ -61,7 +72,12 @@ def indexed_times(path):
 
 def times_of(frames):
     """Times of the four messages of each of so many frames."""
-    return [frame_of(n, points=1).stamp_ns for n in range(frames) for _ in range(4)]
+    return [stamp_ns(n) for n in range(frames) for _ in range(4)]
+
+
+@functools.cache
+def stamp_ns(number):
+    return frame_of(number, points=1).stamp_ns
 
 
 def killed(path, wanted):
@@ -69,23 +85,23 @@ def killed(path, wanted):
 
     It is killed when it has written the `wanted` number, while it writes the next one.
     """
-    frames = jax.device_get([frame_of(n, points=5000) for n in range(FRAMES)])
+    written = frames()
     read, told = os.pipe()
     if (child := os.fork()) == 0:
         try:
             writer = open_writer(path)
-            for frame in frames:
+            for frame in written:
                 writer.write(frame)
                 os.write(told, b".")
             time.sleep(60)
         finally:
             os._exit(1)
     os.close(told)
-    written = sum(len(os.read(read, 1)) for _ in range(wanted))
+    count = sum(len(os.read(read, 1)) for _ in range(wanted))
     os.kill(child, signal.SIGKILL)
     assert os.waitpid(child, 0)[1] == signal.SIGKILL
     with open(read, "rb") as file:
-        return written + len(file.read())
+        return count + len(file.read())
 
 
 @pytest.mark.parametrize("name", NAMES)
