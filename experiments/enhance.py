@@ -32,7 +32,7 @@ from jradar.evaluation import (
     write_results,
 )
 from jradar.model import Model, Tables, load_model, save_model
-from jradar.options.protocols import PAPER, PROTOCOLS
+from jradar.options.protocols import PROTOCOLS
 from jradar.options.recordings import SPLITS
 from jradar.radar import DETECTORS
 
@@ -56,7 +56,7 @@ def check(config: ConfigDict) -> None:
     initial_weights(config.train)
     for field, name, known in (
         ("split", config.evaluation.split, SPLITS),
-        ("protocol", config.evaluation.get("protocol", PAPER), PROTOCOLS),
+        ("protocol", config.evaluation.protocol, PROTOCOLS),
         *(("detectors", name, DETECTORS) for name in config.evaluation.detectors),
     ):
         if name not in known:
@@ -195,7 +195,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         pairs,
         {**detector_methods(view, rates), **methods},
         every=config.evaluation.every,
-        protocol=config.evaluation.get("protocol", PAPER),
+        protocol=config.evaluation.protocol,
     )
 
 

@@ -126,6 +126,7 @@ def get_config():
     # The CFAR detectors in the tables have their best rate on the validation split.
     config.evaluation = ConfigDict()
     config.evaluation.split = "test"
+    config.evaluation.protocol = "paper"  # of distances; see evaluation.protocols
     config.evaluation.every = 5  # score every fifth frame
     config.evaluation.detectors = ("so", "ca", "go", "os")
     config.evaluation.frames_for_rates = 48

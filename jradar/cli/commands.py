@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import jradar
 from jradar.cli.groups import given_drawing
 from jradar.cli.reading import given, open_frames, opening, summary
-from jradar.cli.verbosity import LOG
 from jradar.errors import UsageError
 from jradar.outputs.guard import GuardedFolder
 from jradar.progress import progress
@@ -27,11 +26,6 @@ if TYPE_CHECKING:
     from jradar.recordings import Recording
 
 PREVIEW = "preparation.png"
-OLD_PLACES = (
-    "first: frames of old places are simulated and prepared, so that the model does "
-    "not forget them; this is done once, kept in %s, and takes up to an hour; then it "
-    "is trained. --replay-records FOLDER takes frames that you have instead"
-)
 
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
@@ -192,7 +186,6 @@ def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]
 def finetune(options: argparse.Namespace) -> dict[str, Any]:
     """Fine-tune a model on the records of your own rig."""
     from jradar.training import FinetuneSpec, finetune as tune
-    from jradar.training.finetuning import RUN
 
     try:
         chosen = given(options, "steps", "learning_rate", "forget")
@@ -202,9 +195,6 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
     except ValueError as error:
         raise UsageError(str(error)) from error
     folder, replay = Path(options.output), options.replay_records
-    there = {path.name for path in folder.glob("[!.]*")}
-    if replay is None and (not there or RUN in there) and "model" not in there:
-        LOG.warning(OLD_PLACES, folder / "replay")
     try:
         found = tune(
             options.records, folder, model=options.model, spec=spec, replay=replay

@@ -128,19 +128,21 @@ def prepare_sources(
             job for s, found in chosen.items() for job in _jobs(s, found, folder, spec)
         ]
         _write_manifest(folder, head)
-        shards, done, total = {}, 0, sum(job.frames for job in jobs)
+        shards, total = {}, sum(job.frames for job in jobs)
+        there = {j.path for j in jobs if Path(j.path).with_suffix(".json").is_file()}
+        done = sum(job.frames for job in jobs if job.path in there)
         write = functools.partial(prepare_block, spec=spec, keep_going=keep_going)
         _remove_leftovers(jobs)
         try:
             with (
-                progress("preparing", total, unit="frames") as show,
+                progress("preparing", total, first=done, unit="frames") as show,
                 contextlib.closing(
                     run_jobs(write, jobs, workers=workers, scheduler=scheduler)
                 ) as finished,  # closed: its processes have ended
             ):
                 for job, shard in finished:
                     shards[job.path] = shard
-                    done += job.frames
+                    done += 0 if job.path in there else job.frames
                     show(done, job.source.name)
         except BaseException:
             _remove_leftovers(jobs)

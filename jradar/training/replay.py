@@ -6,6 +6,7 @@ image.
 """
 
 import dataclasses
+import logging
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -26,6 +27,12 @@ from jradar.training.targets import pair_batches
 PATTERN = 32  # frames that show the pattern of the beams
 REPLAYED, UNITS = "jradar-sim-5", 8  # radar units of each kind
 OF_A_UNIT = slice(0, 1)  # of its eight frames
+LOG = logging.getLogger(__name__)
+OLD_PLACES = (
+    "first: frames of old places are simulated and prepared, so that the model does "
+    "not forget them; this is done once, kept in %s, and takes up to an hour; then it "
+    "is trained. --replay-records FOLDER takes frames that you have instead"
+)
 OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
 OLD = data.AugmentSpec(
     thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05
@@ -39,6 +46,7 @@ def simulate_replay(folder: Path | str, own: Records) -> Path:
         return Records(records, "train").folder
     except (FileNotFoundError, ValueError):
         pass
+    LOG.warning(OLD_PLACES, folder)
     drawn = simulation.drawn_sources(REPLAYED)
     places = [s for s in drawn if s.split == "train" and s.number < UNITS]
     spec = PrepareSpec(**typed_fields(PrepareSpec, own.manifest["options"]))

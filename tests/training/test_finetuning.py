@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+import shutil
 
 import jax
 import numpy as np
@@ -12,7 +13,7 @@ from jradar.data import PrepareSpec, Records, prepare
 from jradar.errors import UsageError
 from jradar.lidar import LidarSpec
 from jradar.model import load_model, save_model
-from jradar.training import FinetuneSpec, choosing, finetune, finetuning
+from jradar.training import FinetuneSpec, choosing, finetune, finetuning, replay
 from jradar.training.choosing import SCORE, Scores, kept_change
 from jradar.training.replay import Old, halves
 from tests.models import GRID, tiny_model
@@ -131,6 +132,24 @@ def test_old_frames_are_held_out_by_sequence(tmp_path):
         "".join(frame.sequence for frame in part) for part in halves(Records(folder))
     ]
     assert found == ["accc", "bbd"]
+
+
+def test_old_places_are_simulated_once_and_said_before(
+    records, tmp_path, monkeypatch, caplog
+):
+    own, made = Records(records, "train"), []
+
+    def prepare_sources(sources, folder, spec, **_):
+        made.append([source.kind for source in sources])
+        shutil.copytree(records, folder)
+
+    monkeypatch.setattr(replay.data, "prepare_sources", prepare_sources)
+    for _ in range(2):
+        found = replay.simulate_replay(tmp_path / "replay", own)
+        assert found == tmp_path / "replay" / "records"
+    assert len(made) == 1 and len(set(made[0])) > 10
+    (said,) = caplog.messages
+    assert f"kept in {tmp_path / 'replay'}, and takes up to an hour" in said
 
 
 @pytest.mark.parametrize(
