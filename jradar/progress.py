@@ -15,6 +15,11 @@ SECONDS_BETWEEN_LINES = 10.0
 Show = Callable[..., None]
 
 
+def is_quiet() -> bool:
+    """Return whether the logger "jradar" is set to errors alone, as by --quiet."""
+    return not logging.getLogger("jradar").isEnabledFor(logging.WARNING)
+
+
 @contextlib.contextmanager
 def progress(
     what: str, total: int, *, first: int = 0, unit: str = ""
@@ -24,7 +29,7 @@ def progress(
     The printed rate leaves out the first item, during which JAX compiles. Nothing is
     printed where the logger "jradar" is set to errors alone.
     """
-    if not logging.getLogger("jradar").isEnabledFor(logging.WARNING):
+    if is_quiet():
         yield lambda *_, **__: None
     elif sys.stderr.isatty():
         with _bar(what, total, first, unit) as show:

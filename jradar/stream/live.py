@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from jradar.outputs.writers import Writer
+from jradar.progress import is_quiet
 from jradar.recordings import Recording
 from jradar.stream.processing import Processor
 from jradar.stream.source import WAKE_S, ReceivedFrame, Source
@@ -174,17 +175,22 @@ class FrameRate:
 
 
 class StatusLine:
-    """One line on stderr: rewritten on a terminal, else printed every ten seconds."""
+    """One line on stderr: rewritten on a terminal, else printed every ten seconds.
+
+    It is not printed where `is_quiet` says so.
+    """
 
     def __init__(self):
         self._shown_s = 0.0
-        self._terminal = sys.stderr.isatty()
+        self._terminal, self._quiet = sys.stderr.isatty(), is_quiet()
 
     def show(self, session: Session, source: Source) -> None:
         """Print the line if it is time."""
         now = time.monotonic()
-        if not session.published or now - self._shown_s < (
-            1.0 if self._terminal else LINE_S
+        if (
+            self._quiet
+            or not session.published
+            or now - self._shown_s < (1.0 if self._terminal else LINE_S)
         ):
             return
         self._shown_s = now

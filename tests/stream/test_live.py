@@ -1,9 +1,11 @@
 """The live loop: the library's clouds, frames that add up, silence explained."""
 
 import itertools
+import logging
 import os
 import signal
 import threading
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -13,7 +15,13 @@ from jradar.radar import PointSpec, Radar, RadarSpec, Scatterers, radar_points
 from jradar.radar.simulate import simulate_cube
 from jradar.recordings import Recording, Stream
 from jradar.stream.emulator import recorded_frames
-from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
+from jradar.stream.live import (
+    FrameRate,
+    StatusLine,
+    ended_by_signals,
+    run_live,
+    summary,
+)
 from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
@@ -153,6 +161,21 @@ def test_a_signal_ends_the_loop_after_the_frame(processor, number):
     session, _ = play(processor, kept)
     assert session.published == len(kept.frames) == 1
     assert signal.getsignal(number) is before
+
+
+@pytest.mark.parametrize("level", [logging.WARNING, logging.ERROR])
+def test_the_status_line_is_silent_where_errors_alone_are_asked_for(level, capsys):
+    session = SimpleNamespace(published=3, frames_per_s=10.0, latency_ms=lambda _: 5.0)
+    source = SimpleNamespace(losses=lambda: "no bytes lost", dropped=0)
+    logger = logging.getLogger("jradar")
+    before = logger.level
+    logger.setLevel(level)
+    try:
+        StatusLine().show(session, source)
+    finally:
+        logger.setLevel(before)
+    shown = "3 frames, 10.0 frames/s" in capsys.readouterr().err
+    assert shown == (level == logging.WARNING)
 
 
 def test_the_second_signal_acts_as_usual():
