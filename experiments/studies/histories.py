@@ -33,7 +33,6 @@ from jradar.evaluation import (
 from jradar.model import Model
 from jradar.progress import progress
 from jradar.radar import PointSpec
-from jradar.simulation.drawn import kind_of
 
 CASO = PointSpec(detector="so", false_alarm_rate=1e-3, group_peaks=True)
 SENDERS = {"card": Sender(), "chip": Sender(CASO, most=120, step_m=1 / 128)}
@@ -72,7 +71,6 @@ def scores(records: Records, models: dict[str, Model]) -> Iterator[dict]:
                     yield {
                         "scene": title,
                         "sequence": name,
-                        "kind": kind_of(name),
                         "frame": frame.frame,
                         "truth": "LiDAR",
                         "method": method,
