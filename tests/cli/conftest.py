@@ -39,7 +39,8 @@ def refused(capsys):
         except SystemExit as stop:  # of the parser
             found = stop.code
         out, err = capsys.readouterr()
-        shown = [line for line in err.splitlines() if line.startswith("jradar")]
+        lines = err.replace("jradar: compiling ..\n", "").splitlines()
+        shown = [line for line in lines if line.startswith("jradar")]
         assert found == code and not out and len(shown) == 1, err
         assert "Traceback" not in err
         return shown[0]

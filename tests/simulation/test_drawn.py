@@ -80,7 +80,7 @@ def test_the_frames_of_a_walk_show_one_place_along_its_poses():
     moving = (s for s in sources if (drawn._unit(s.name, False).speed_mps or 0) > 0.5)
     walk = next(moving).open()
     assert len(walk.cubes) == drawn.WALK_FRAMES and len(walk.poses.stamps) == 14
-    poses = interpolate_poses(walk.poses, walk.cubes.stamps) @ walk.base_from_lidar
+    poses = interpolate_poses(walk.poses, walk.cubes.stamps) @ walk.base_from_radar
     first, later = (nearest_scan(walk, k)[:, :3] for k in (0, 2))
     first, later = (xyz[np.linalg.norm(xyz, axis=1) > 0] for xyz in (first, later))
     moved = transform(np.linalg.inv(poses[2]) @ poses[0], first)
