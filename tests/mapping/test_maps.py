@@ -7,6 +7,7 @@ import pytest
 
 from jradar import mapping, training
 from jradar.errors import ModelError, UsageError
+from jradar.mapping import predict
 from jradar.mapping.predict import SPREAD
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
@@ -348,3 +349,13 @@ def test_nearest_voxels_are_sorted_and_keep_their_order_where_they_are_equal():
     order = np.argsort(-values, kind="stable")
     np.testing.assert_array_equal(near.voxels, voxels[order])
     np.testing.assert_array_equal(near.probability, values[order])
+
+
+def test_where_tiles_overlap_the_probability_is_their_mean(model, monkeypatch):
+    shape = lambda condition: (*condition.shape[:2], GRID.heights)  # noqa: E731
+    monkeypatch.setattr(
+        predict, "_probability", lambda c, _: np.full(shape(c), 0.4, np.float32)
+    )
+    radar = np.array([[0, 0, 0], [predict.STRIDE + 3, 5, 0]])
+    found = mapping.enhance_map(radar, model)
+    np.testing.assert_allclose(found.probability, 0.4, rtol=1e-5)

@@ -23,9 +23,10 @@ def recording(tmp_path_factory):
     return open_recording(folder)._replace(poses=None, base_from_radar=np.eye(4))
 
 
-def mapped(recording, steps_m):
+def mapped(recording, steps_m, *, height_m=0.0):
     """The map of a path along x with these steps."""
     xyz = np.zeros((FRAMES + 2, 3))
+    xyz[:, 2] = height_m
     xyz[1:, 0] = np.cumsum(np.broadcast_to(steps_m, FRAMES + 1))
     middle = recording.cubes.stamps + recording.radar.spec.frame_middle_s
     stamps = middle[0] + 0.1 * (np.arange(FRAMES + 2) - 1)
@@ -107,3 +108,11 @@ def test_poses_that_jump_too_far_are_refused(recording):
     steps[7] = 9.0
     with pytest.raises(UsageError, match=r"jump by 9.0 m in 0.1 s after frame 6"):
         mapped(recording, steps)
+
+
+def test_heights_are_above_the_start_wherever_the_world_begins(recording):
+    low, high = mapped(recording, 0.1), mapped(recording, 0.1, height_m=30.0)
+    rise = np.array([0, 0, 200])  # voxels of 0.15 m
+    moved = {tuple(v) for v in (high.enhanced.voxels - rise).tolist()}
+    kept = moved & {tuple(v) for v in low.enhanced.voxels.tolist()}
+    assert len(kept) > 0.95 * len(low.enhanced.voxels) > 0

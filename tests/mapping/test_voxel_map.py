@@ -114,3 +114,10 @@ def test_a_pose_that_is_no_place_is_refused(pose):
 def test_a_sensor_model_that_says_the_opposite_is_refused(values):
     with pytest.raises(ValueError, match="expected"):
         SensorModel(**values)
+
+
+def test_what_frames_bring_does_not_pile_up():
+    found = VoxelMap(SensorModel(voxel_m=1.0))
+    for _ in range(300):
+        found.add([[2.5, 0.5, 0.5]], np.eye(4))
+    assert len(found._new) < 200

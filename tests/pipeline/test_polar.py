@@ -153,6 +153,7 @@ def test_the_images_of_a_condition_are_those_of_training_or_the_nearest_in_time(
     assert conditions(0.1 * np.arange(9) + 1e-3 * np.arange(9), 5) == [8, 8, 7, 7, 6]
     assert conditions(0.025 * np.arange(9), 3) == [8, 6, 4]
     assert conditions([0, 0.05, 0.1, 5.0, 5.05], 4) == [4, 3, 3, 3]  # after a pause
+    assert conditions([0, 0.2], 4) == [1, 1, 1, 1]  # longer than a condition
     assert conditions([7, 7.05, 1, 1.05], 4) == [3, 2, 2, 2]  # time was set back
 
 

@@ -167,3 +167,19 @@ def test_the_oldest_programs_make_room(cache, monkeypatch):
         within(CLOUD, max_range_m=float(distance))
     assert len([*cache.iterdir()]) == 2
     assert not within(CLOUD, max_range_m=2.0)[1]
+
+
+def test_the_digest_names_settings_and_versions(monkeypatch):
+    first = programs.digest((), "option")
+    before = jax.config.jax_default_matmul_precision
+    jax.config.update("jax_default_matmul_precision", "highest")
+    try:
+        assert programs.digest((), "option") != first
+    finally:
+        jax.config.update("jax_default_matmul_precision", before)
+    assert programs.digest((), "option") == first
+    programs._code.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "__version__", "0.0")
+        assert programs.digest((), "option") != first
+    programs._code.cache_clear()

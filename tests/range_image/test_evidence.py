@@ -123,3 +123,8 @@ def test_a_point_at_the_origin_or_overhead_has_no_surroundings_and_finite_gradie
     assert around.any(1).tolist() == [True, False, False, False]
     slope = jax.grad(lambda p: surroundings(p, SPEC).xyz.sum(), allow_int=True)(points)
     assert np.isfinite(slope.xyz).all() and np.asarray(slope.xyz)[0].any()
+
+
+def test_places_beyond_the_largest_range_are_near_nothing():
+    far, edge = (PointCloud.from_xyz([[x, 0.0, 0.0]]) for x in (20.0, 12.2))
+    assert near_echo(edge, edge, SPEC).all() and not near_echo(far, edge, SPEC).any()
