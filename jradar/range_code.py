@@ -1,6 +1,7 @@
 """Metres to a network's range code, -1 .. 1, and back.
 
-Images of ranges and the networks that draw them share the code.
+Images of ranges and the networks that draw them share the code. It grows with the view:
+in one of 60 m, 5 m have the code that 1 m has in one of 12.
 """
 
 import math
@@ -18,20 +19,26 @@ class Codec(NamedTuple):
     decode: Callable[[Array, float], Array]  # 0 .. 1 to metres
 
 
+USUAL_M = 12.0  # a view in which the codecs' unit of range is 1 m
+
+
 def _decode_inverse(unit, most):
-    share = unit * (most / (1 + most))
-    return share / (1 - share)
+    share = unit * (USUAL_M / (1 + USUAL_M))
+    return share / (1 - share) * (most / USUAL_M)
+
+
+def _encode_inverse(r, most):
+    r = r * (USUAL_M / most)
+    return r / (1 + r) * ((1 + USUAL_M) / USUAL_M)
 
 
 CODECS = {
     "log": Codec(
-        lambda r, most: jnp.log1p(r) / math.log1p(most),
-        lambda unit, most: jnp.expm1(unit * math.log1p(most)),
+        lambda r, most: jnp.log1p(r * (USUAL_M / most)) / math.log1p(USUAL_M),
+        lambda unit, most: jnp.expm1(unit * math.log1p(USUAL_M)) * (most / USUAL_M),
     ),
     "linear": Codec(lambda r, most: r / most, lambda unit, most: unit * most),
-    "inverse": Codec(
-        lambda r, most: r / (1 + r) * ((1 + most) / most), _decode_inverse
-    ),
+    "inverse": Codec(_encode_inverse, _decode_inverse),
 }
 
 

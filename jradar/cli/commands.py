@@ -191,7 +191,7 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
         chosen = given(options, "steps", "learning_rate", "forget")
         if options.replay_share is not None:
             chosen["replay"] = options.replay_share
-        spec = FinetuneSpec(**chosen, seed=options.seed)
+        spec = FinetuneSpec(**chosen, seed=options.seed, own_view=options.own_view)
     except ValueError as error:
         raise UsageError(str(error)) from error
     folder, replay = Path(options.output), options.replay_records

@@ -7,7 +7,7 @@ head, on the grid of the condition, where nothing is lost:
     condition --smear--> count, place, power  --conv--> anchors, and a correction
     trunk's features --unfold--------------------^
 
-Each point is smeared by `SMEAR_M` in space, which is wide in angle when it is near. For
+Each point is smeared in space, which is wide in angle when it is near. For
 each slice of the range axis, an anchor is the mean range of the points that reach a
 pixel, moved by what the network has learnt, with a scale and a weight. Without a point,
 the anchor is the middle of its slice. The heaviest anchors of a pixel join the
@@ -27,7 +27,7 @@ from jradar.diffusion.predictions import ImageOrShape
 from jradar.diffusion.unet import Condition, Features, UNet
 from jradar.range_code import encode_range
 
-SMEAR_M = 0.2  # the deviation of a smeared point
+SMEAR = 60  # deviations of a smeared point in the largest range
 PARTS = 3  # presence, range and power: the fewest channels of a slice
 FAINT = 1e-3  # of a point: less of it does not reach a pixel
 FIRST_SCALE = 0.02  # of an anchor, in units of the range code
@@ -160,13 +160,14 @@ def smear(
     """Return the count of points that reach each pixel, and means of their channels.
 
     These are channels of all slices, one after another, as in the condition. A point
-    counts less the farther it is: a Gaussian of deviation SMEAR_M.
+    counts less the farther it is: a Gaussian whose deviation is 0.2 m in a
+    view of 12 m.
     """
     presence, *others = jnp.split(condition, parts, -1)
     slices = presence.shape[-1]
     middle = (np.arange(slices) + 0.5) * (max_range_m / slices)
     rows, columns = (
-        _kernels(size, view, middle, condition.dtype)
+        _kernels(size, view, middle, max_range_m / SMEAR, condition.dtype)
         for size, view in zip(condition.shape[1:3], (elevation, azimuth), strict=True)
     )
 
@@ -180,10 +181,10 @@ def smear(
     return jnp.concatenate([count, *means], -1)
 
 
-def _kernels(size, view, middle, dtype):
+def _kernels(size, view, middle, wide_m, dtype):
     """Weights [slice, pixel, pixel] of points along an axis of the image."""
     step = (view[1] - view[0]) / size
     apart = step * (np.arange(size)[:, None] - np.arange(size))
     return jnp.asarray(
-        np.exp(-((apart * middle[:, None, None] / SMEAR_M) ** 2) / 2), dtype
+        np.exp(-((apart * middle[:, None, None] / wide_m) ** 2) / 2), dtype
     )

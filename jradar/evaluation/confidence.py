@@ -1,6 +1,7 @@
 """The confidence of a model, made to hold on frames that it was not trained on.
 
-A point is right if the LiDAR has one within 0.2 m. From the points of spared frames
+A point is right if the LiDAR has one within what the grid calls near, 0.2 m in a view
+of 12 m. From the points of spared frames
 follow, one after another:
 
 1. a table of frequencies: of points with a confidence of 70 %, 70 % are right;
@@ -29,7 +30,7 @@ from jaxtyping import Bool, Float
 
 from jradar.data import PreparedFrame, pairs_of
 from jradar.evaluation.statistics import spread
-from jradar.metrics import f_score_of, near_truth
+from jradar.metrics import NEAR_M, f_score_of, near_truth
 from jradar.model import FrameGrid, Model, Tables, draw
 from jradar.model.mirror import LEAST_ODDS, Pixels, fit_scaling
 from jradar.range_image import ConfidenceTable, fit_confidence
@@ -51,6 +52,7 @@ class Judged(NamedTuple):
     truth: Float[np.ndarray, "true_point 3"]
     radar: PointCloud | None = None  # its points; None: not known
     disagreement: float | None = None  # of two answers; None of one
+    near_m: float = NEAR_M  # within which a point is right
 
     def kept(self, some: Bool[np.ndarray, " point"], *, sure: bool = False) -> "Judged":
         """Return some of the points, `sure` ones with a confidence of 1."""
@@ -120,7 +122,9 @@ def judged_answer(
     confidence = np.minimum(np.asarray(cloud.confidence)[valid], 1)
     apart = getattr(image, "disagreement", None)
     apart = None if apart is None else float(apart)
-    return Judged(xyz, confidence, near_truth(xyz, truth), truth, radar, apart)
+    near_m = model.spec.frame_grid.near_m
+    right = near_truth(xyz, truth, within_m=near_m)
+    return Judged(xyz, confidence, right, truth, radar, apart, near_m)
 
 
 def fitted(model: Model, groups: Groups) -> Model:
@@ -237,7 +241,7 @@ def _f_scores(frame: Judged) -> list[float]:
     for least in reversed(THRESHOLDS):
         kept = frame.confidence >= least
         added = frame.xyz[kept & (frame.confidence < above)]
-        seen[~seen] = near_truth(frame.truth[~seen], added)
+        seen[~seen] = near_truth(frame.truth[~seen], added, within_m=frame.near_m)
         precision = frame.right[kept].mean() if kept.any() else 0.0
         scores.append(float(f_score_of(precision, seen.mean())))
         above = least
@@ -295,7 +299,7 @@ def _around(frame: Judged, grid: FrameGrid) -> Judged:
     around = grid.surroundings(frame.radar)
     valid = np.asarray(around.valid)
     xyz, said = (np.asarray(part)[valid] for part in (around.xyz, around.confidence))
-    right = near_truth(xyz, frame.truth)
+    right = near_truth(xyz, frame.truth, within_m=frame.near_m)
     return frame._replace(xyz=xyz, confidence=said, right=right)
 
 

@@ -29,13 +29,12 @@ from jradar.options.drawing import Drawing
 from jradar.options.protocols import PAPER, PROTOCOLS as DEFINITIONS
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
-from jradar.range_image import ImageSpec, unproject
+from jradar.range_image import VIEW, ImageSpec, unproject
 from jradar.types import PointCloud
 
 CLOUDS_IN_REPORT = 18
 SCENES_IN_FIGURE = 6
 TRUTH = "LiDAR"  # the part that the radar could have seen
-VIEW = ("azimuth", "elevation", "max_range_m")
 Clouds = dict[tuple[str, str, int], dict[str, np.ndarray]]  # by frame and name
 
 
@@ -103,7 +102,8 @@ def check_view(model: Model, records: data.Records) -> None:
     if seen != wanted:
         raise UsageError(
             f"{records.folder} was prepared for the view {seen}, the model has "
-            f"{wanted}: prepare it again with --spec and these values in [lidar]"
+            f"{wanted}: prepare it again with --spec and these values in [lidar], or "
+            "fine-tune a model in this view: `jradar finetune --own-view`"
         )
 
 

@@ -28,7 +28,7 @@ from jradar.diffusion import (
     window_mass,
 )
 from jradar.errors import UsageError
-from jradar.model.grids.view.answers import SIDE_STEPS, WINDOW_M, likeliest_range
+from jradar.model.grids.view.answers import SIDE_STEPS, likeliest_range
 from jradar.model.grids.view.grid import ViewGrid
 from jradar.model.model import Model
 from jradar.range_image import (
@@ -105,7 +105,7 @@ def moving_pixels(
     return jnp.abs(difference) > MOVING_MPS
 
 
-@jit(static_argnames="window_m")
+@jit
 def fuse(
     frames: RangeMixture,
     poses: Float[Array, "frame 4 4"],
@@ -113,7 +113,6 @@ def fuse(
     *,
     moving: Bool[Array, "frame row column"] | None = None,
     least_confidence: float | Float[Array, ""] | None = None,
-    window_m: float = WINDOW_M,
 ) -> RangeImage:
     """Return the present frame's range image, as all frames together see it.
 
@@ -143,7 +142,7 @@ def fuse(
 
     def probability(range_m):
         """Return the mean probability of a surface within the window around a range."""
-        total = _surface(present, range_m, grid, window_m)
+        total = _surface(present, range_m, grid)
         views = jnp.ones_like(total)
         xyz = range_m[..., None] * directions
         for k, table in zip(past, tables, strict=True):
@@ -151,14 +150,14 @@ def fuse(
             row, column, distance, inside = pixel_of(there, grid.fine)
             seen = _from_table(table[row, column])
             counts = inside & ~moving[0] & ~moving[k][row, column] & (range_m > 0)
-            total += jnp.where(counts, _surface(seen, distance, grid, window_m), 0.0)
+            total += jnp.where(counts, _surface(seen, distance, grid), 0.0)
             views += counts
         return total / views
 
-    first = likeliest_range(present, grid, window_m=window_m).range_m
+    first = likeliest_range(present, grid).range_m
     candidates = [first]
     for k, mixture in zip(past, earlier, strict=True):
-        seen = confident(likeliest_range(mixture, grid, window_m=window_m), SURE)
+        seen = confident(likeliest_range(mixture, grid), SURE)
         shown = jnp.where(moving[k], 0.0, seen.range_m)
         xyz = (shown[..., None] * directions).reshape(-1, 3)
         here = xyz @ poses[k, :3, :3].T + poses[k, :3, 3]
@@ -170,7 +169,7 @@ def fuse(
     candidates += [decode_range(centres[..., k], **view) for k in range(2)]
 
     best, most = _likeliest(jnp.stack(candidates), probability)
-    beside = jnp.stack([best, *(best + step * window_m for step in SIDE_STEPS)])
+    beside = jnp.stack([best, *(best + step * grid.fine.near_m for step in SIDE_STEPS)])
     best, most = _likeliest(beside, probability)
     table = model.tables.confidence
     most = frequency(most, table)
@@ -189,9 +188,10 @@ def _likeliest(candidates, probability):
     )
 
 
-def _surface(mixture, range_m, grid, window_m):
-    """Return the probability of a return within the window around a range."""
+def _surface(mixture, range_m, grid):
+    """Return the probability of a return near a range."""
     view = {"max_range_m": grid.fine.max_range_m, "codec": grid.codec}
+    window_m = grid.fine.near_m
     low, high = (encode_range(range_m + side, **view) for side in (-window_m, window_m))
     return jax.nn.sigmoid(mixture.returned) * window_mass(mixture)(low, high)
 

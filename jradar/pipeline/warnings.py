@@ -10,7 +10,7 @@ from jradar.lidar import shared_field_of_view
 from jradar.model import Model
 from jradar.options.suiting import KINDS, unsuited
 from jradar.radar import Radar, RadarSpec
-from jradar.range_image import STRANGE, UNSURE
+from jradar.range_image import STRANGE, UNSURE, VIEW
 from jradar.recordings import Recording
 from jradar.types import PointCloud
 
@@ -27,7 +27,6 @@ FLAT_POINTS = (
     "the points of this radar all lie in one plane: heights in the result would be "
     "invented by the model. Use `jradar map`, or add --anyway"
 )
-VIEW = ("azimuth", "elevation", "max_range_m")
 # A radar that training lacked is more likely to be strange: less is enough to say so.
 # Of a real AWR1642 whose range bins are three times those of RadarHD's, every frame is
 # less usual than 81 to 86 % of the training frames, and its cloud a blob.

@@ -39,6 +39,7 @@ from jradar.range_image.evidence import (
     surroundings as surroundings,
 )
 from jradar.range_image.grid import (
+    VIEW as VIEW,
     ImageSpec as ImageSpec,
     pixel_directions as pixel_directions,
     pixel_of as pixel_of,

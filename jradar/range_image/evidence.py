@@ -26,8 +26,8 @@ LEAST_SNR = 4.0  # of a point that stands out, 6 dB
 CELLS = 48  # in the largest range
 REACH = 2  # cells, to a side
 AROUND = 10  # points for each point of the radar
-WIDE_M = 0.3  # their deviation up and down, and to the sides
-DEEP_M = 0.1  # and along the line of sight
+WIDE = 1.5  # their deviation up and down, and to the sides, times what is near
+DEEP = 0.5  # and along the line of sight
 LEAST_M = 1e-3  # from the vertical axis: nearer, a point is straight overhead
 CROWD = 1024.0  # points that make a crowding of 1
 
@@ -70,7 +70,8 @@ def surroundings(points: PointCloud, spec: ImageSpec) -> PointCloud:
     the field of view of `spec`. A surface that reflects to the radar mostly faces it,
     and continues to all sides. One cloud; `vmap` it.
     """
-    return spread_out(points, _disc(), lambda xyz: pixel_of(xyz, spec)[-1])
+    steps = spec.near_m * _disc()
+    return spread_out(points, steps, lambda xyz: pixel_of(xyz, spec)[-1])
 
 
 def spread_out(
@@ -103,9 +104,9 @@ def spread_out(
 def _disc():
     """Steps [point, 3] ahead, to the left and up: a Gaussian, evenly sampled."""
     share = (np.arange(AROUND) + 0.5) / AROUND
-    radius = WIDE_M * np.sqrt(-2 * np.log(1 - share))
+    radius = WIDE * np.sqrt(-2 * np.log(1 - share))
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(AROUND)  # the golden angle
-    deep = DEEP_M * np.where(np.arange(AROUND) % 2, 1, -1)
+    deep = DEEP * np.where(np.arange(AROUND) % 2, 1, -1)
     return np.stack([deep, radius * np.cos(angle), radius * np.sin(angle)], -1)
 
 

@@ -8,6 +8,8 @@
               right edge       left edge   (azimuth is positive to the left)
 
 Rows and columns are equal steps of angle, as in the paper. Figures mirror the columns.
+
+What is near depends on the view: 0.2 m where it ends at 12 m, 1 m where it ends at 60.
 """
 
 import dataclasses
@@ -20,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jradar.compiled import jit
 
+VIEW = ("azimuth", "elevation", "max_range_m")  # fields of a view
 # arctan(t) = t (c0 + c1 t^2 + ... + c8 t^16) on 0 .. 1, a least-squares fit within 6e-9
 # radians. XLA's arctan2 and arccos are slow on CPUs, because they are not vectorised.
 _ARCTAN = (
@@ -61,6 +64,11 @@ class ImageSpec:
             raise ValueError(
                 f"max_range_m = {self.max_range_m}, expected more than 0 and finite"
             )
+
+    @property
+    def near_m(self) -> float:
+        """The distance in metres within which a point is right: 0.2 of 12."""
+        return self.max_range_m / 60
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from jradar.evaluation import (
     spread,
 )
 from jradar.evaluation.confidence import THRESHOLDS, judged, mean_f_scores
+from jradar.metrics import NEAR_M
 from jradar.model import Model
 from jradar.training.replay import Old
 
@@ -81,20 +82,28 @@ def frame_scores(
 ) -> dict[str, float]:
     """Return the mean scores of the model's answer to `count` of these frames.
 
-    A model with confidence is judged at the least confidence that is best for it, as
+    Scores within 0.2 m are of what is near in the model's view. A model with
+    confidence is judged at the least confidence that is best for it, as
     its table is fitted only later.
     """
     key = jax.random.key(0)
+    unit = model.spec.frame_grid.near_m / NEAR_M
     if found := [*judged(key, model, records, frames=count)]:
         least = THRESHOLDS[int(np.argmax(mean_f_scores(found)))]
         clouds = [frame.xyz[frame.confidence >= least] for frame in found]
-        return mean_scores(clouds, [frame.truth for frame in found])
+        return _scores(clouds, [frame.truth for frame in found], unit)
     pairs = pairs_of(model.spec, records)
     method, index = drawn(model), spread(len(records), count)
     frames = {i: MethodInput(records[i], pairs[i]) for i in index}
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in frames.items()]
     truths = [frame.prepared.lidar_xyz for frame in frames.values()]
-    return mean_scores(map(points_of, clouds), truths)
+    return _scores([*map(points_of, clouds)], truths, unit)
+
+
+def _scores(clouds, truths, unit):
+    """The mean scores; those within 0.2 m are within what is near in the view."""
+    found = mean_scores(*([xyz / unit for xyz in part] for part in (clouds, truths)))
+    return found | {"chamfer": unit * found["chamfer"]}
 
 
 def _between(before: Any, after: Any, share: float) -> Any:

@@ -21,10 +21,14 @@ import jax
 import numpy as np
 
 from jradar.data import Records, pairs_of
+from jradar.diffusion.network import network_fields, network_from_fields
 from jradar.errors import UsageError
 from jradar.evaluation import check_view, trust_of, with_confidence
+from jradar.fields import typed_fields
 from jradar.files import lock_folder, read_json, write_text
+from jradar.lidar import LidarSpec
 from jradar.model import Card, Model, load_model, save_model
+from jradar.range_image import VIEW
 from jradar.training.choosing import (
     SCORE,
     Kept,
@@ -40,6 +44,7 @@ from jradar.training.optimiser import clipped_adamw
 from jradar.training.replay import (
     Old,
     batches_of,
+    grown,
     halves,
     simulate_replay,
 )
@@ -62,6 +67,7 @@ class FinetuneSpec:
     batch_size: int = 8
     replay: float = 0.25  # share of old frames in a batch
     forget: float = 1.0  # most points of the F-score that old frames may lose
+    own_view: bool = False  # of the records, in place of the model's; distances scale
     seed: int = 0
 
     def __post_init__(self):
@@ -118,6 +124,9 @@ def finetune(
 ) -> Finetuned:
     """Fine-tune a model on the train split of records, and write it into a folder.
 
+    With `own_view`, the model takes the field of view of the records. What it knows of
+    12 m, it then knows of their largest range, and so old frames grow with it.
+
     `replay` are records of old frames; those of every other sequence are held out. By
     default, two processes simulate some, so that a script calls this under
     `if __name__ == "__main__":`. The same call resumes a run that was stopped. Raises
@@ -126,9 +135,11 @@ def finetune(
     """
     folder = Path(folder)
     _check_contents(folder)  # before a lock is left there
-    start = load_model(model)
+    known = start = load_model(model)
     pairs_of(start.spec, [])  # refuses a model that sees no points
     own, checked = _split(records, "train"), _split(records, "validation")
+    if spec.own_view:
+        start = in_view_of(start, own)
     check_view(start, own)
     with lock_folder(folder):
         run = {
@@ -139,9 +150,31 @@ def finetune(
             **dataclasses.asdict(spec),
         }
         _check_run(folder / RUN, run)
-        made = simulate_replay(folder / "replay", own) if replay is None else replay
-        old = halves(Records(made, "train"))
+        if replay is None:
+            replay = simulate_replay(folder / "replay", own, known.spec.frame_grid.view)
+        old = halves(Records(replay, "train"))
+        if spec.own_view:
+            near_m, before_m = (m.spec.frame_grid.near_m for m in (start, known))
+            old = grown(old, near_m / before_m)
         return _trained(folder, start, own, checked, old, spec, str(model))
+
+
+def in_view_of(model: Model, records: Records) -> Model:
+    """Return the model with the field of view of records; its weights stay."""
+    lidar = typed_fields(LidarSpec, records.manifest["options"]["lidar"])
+    view = {name: lidar[name] for name in VIEW}
+    grid: Any = model.spec.grid
+    coarse, fine = (
+        dataclasses.replace(image, **view) for image in (grid.coarse, grid.fine)
+    )
+    fields = network_fields(model.spec.network)
+    seen = {name: value for name, value in view.items() if name in fields}
+    spec = dataclasses.replace(
+        model.spec,
+        grid=dataclasses.replace(grid, coarse=coarse, fine=fine),
+        network=network_from_fields(fields | seen),
+    )
+    return dataclasses.replace(model, spec=spec)
 
 
 def _trained(folder, start, own, checked, old, spec, name):

@@ -39,6 +39,19 @@ def test_range_code_is_monotone_from_minus_1_to_1_and_back(codec):
 
 
 @pytest.mark.parametrize("codec", CODECS)
+def test_the_range_code_grows_with_the_view(codec):
+    near = encode_range(jnp.array([0.5, 3.0, 11.0]), max_range_m=12.0, codec=codec)
+    far = encode_range(jnp.array([2.5, 15.0, 55.0]), max_range_m=60.0, codec=codec)
+    np.testing.assert_allclose(near, far, rtol=1e-6)
+
+
+def test_in_a_view_of_12_m_the_logarithmic_code_counts_metres():
+    code = encode_range(jnp.array([1.0, 5.0]), max_range_m=12.0)
+    wanted = 2 * np.log([2.0, 6.0]) / np.log(13.0) - 1
+    np.testing.assert_allclose(code, wanted, rtol=1e-6)
+
+
+@pytest.mark.parametrize("codec", CODECS)
 def test_target_round_trip_keeps_hits_and_misses(codec):
     image = np.random.default_rng(0).uniform(0, 10, (2, *SPEC.shape))
     image = np.where(image > 6, 0, image).astype(np.float32)

@@ -6,17 +6,20 @@ import json
 import shutil
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.errors import UsageError
 from jradar.lidar import LidarSpec
-from jradar.model import load_model, save_model
+from jradar.model import enhance_points, load_model, save_model
+from jradar.range_image import ImageSpec
 from jradar.training import FinetuneSpec, choosing, finetune, finetuning, replay
 from jradar.training.choosing import SCORE, Scores, kept_change
 from jradar.training.replay import Old, halves
-from tests.models import GRID, tiny_model
+from jradar.types import PointCloud
+from tests.models import GRID, one_pass_model, tiny_model
 from tests.recordings.points.astyx_writer import write_astyx
 from tests.recordings.small_sequence import write_sequence, write_splits
 
@@ -121,6 +124,39 @@ def test_a_radars_points_are_learnt_next_to_old_samples(records, start, tmp_path
     assert saved.card.sent_points and not load_model(start).card.sent_points
 
 
+def test_in_a_view_five_times_as_large_a_model_draws_what_is_five_times_as_far(
+    tmp_path,
+):
+    wide = ImageSpec(1, 1, VIEW["azimuth"], VIEW["elevation"], 5 * VIEW["max_range_m"])
+    lidar = LidarSpec(wide.azimuth, wide.elevation, max_range_m=wide.max_range_m)
+    walk = write_astyx(tmp_path / "walk.npz", [("wall", "pillar")])
+    prepare(walk, tmp_path / "wide", PrepareSpec(lidar=lidar), workers=1)
+    model = one_pass_model()
+    grown = finetuning.in_view_of(model, Records(tmp_path / "wide"))
+    assert grown.spec.frame_grid.view == dataclasses.replace(GRID.view, max_range_m=60)
+    xyz = np.random.default_rng(0).uniform((1, -2, -1), (8, 2, 1), (30, 3))
+    power = jnp.geomspace(1, 100, 30)
+    cloud = PointCloud.from_xyz(xyz)._replace(power=power).padded()
+    far = cloud._replace(xyz=5 * cloud.xyz)
+    key = jax.random.key(0)
+    near, away = enhance_points(key, cloud, model), enhance_points(key, far, grown)
+    assert near.valid.sum() > 50
+    np.testing.assert_array_equal(near.valid, away.valid)
+    np.testing.assert_allclose(away.xyz, 5 * near.xyz, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(away.confidence, near.confidence, atol=1e-3)
+
+
+def test_points_within_what_is_near_in_the_view_are_right():
+    truth = np.array([[30.0, 0.0, 0.0], [30.0, 9.0, 0.0]])
+    frames, far = truth + [0.7, 0.0, 0.0], truth + [1.3, 0.0, 0.0]
+    assert choosing._scores([frames], [truth], 5.0)[SCORE] == 1
+    assert choosing._scores([far], [truth], 5.0)[SCORE] == 0
+    assert choosing._scores([frames], [truth], 1.0)[SCORE] == 0
+    for unit in (1.0, 5.0):
+        scores = choosing._scores([frames], [truth], unit)
+        assert scores["chamfer"] == pytest.approx(1.4)
+
+
 def test_old_frames_are_held_out_by_sequence(tmp_path):
     source, folder = tmp_path / "source", tmp_path / "records"
     frames = {"a": 1, "b": 2, "c": 3, "d": 1}
@@ -145,7 +181,7 @@ def test_old_places_are_simulated_once_and_said_before(
 
     monkeypatch.setattr(replay.data, "prepare_sources", prepare_sources)
     for _ in range(2):
-        found = replay.simulate_replay(tmp_path / "replay", own)
+        found = replay.simulate_replay(tmp_path / "replay", own, ImageSpec(4, 4))
         assert found == tmp_path / "replay" / "records"
     assert len(made) == 1 and len(set(made[0])) > 10
     (said,) = caplog.messages

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Key
 from jradar.diffusion import NoiseSpec
 from jradar.diffusion.precondition import ConditionalDenoiser
 from jradar.errors import UsageError
+from jradar.metrics import NEAR_M
 from jradar.model.tables import Tables
 from jradar.radar import RadarSpec
 from jradar.range_image import ConfidenceTable, ImageSpec
@@ -122,6 +123,11 @@ class FrameGrid(Grid):
     def compared(self, cloud: PointCloud) -> PointCloud:
         """Return the part of a cloud, or of a LiDAR's scan, that scores compare."""
         return cloud
+
+    @property
+    def near_m(self) -> float:
+        """The distance within which a point is right."""
+        return NEAR_M
 
     @property
     def caution(self) -> str:

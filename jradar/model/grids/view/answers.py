@@ -28,7 +28,6 @@ from jradar.range_image import (
     encode_range,
 )
 
-WINDOW_M = 0.2  # a point is right within this distance of a surface
 TRIED = 6  # components of a mixture; the heaviest of its anchors come first
 SIDE_STEPS = (-0.5, 0.5)  # of a window, tried to both sides of the best component
 
@@ -97,15 +96,15 @@ METHODS: dict[str, Answer] = {
 }
 
 
-def likeliest_range(
-    mixture: RangeMixture, grid: Coding, *, window_m: float = WINDOW_M
-) -> RangeImage:
-    """Return the range whose window of +- `window_m` holds the most probability.
+def likeliest_range(mixture: RangeMixture, grid: Coding) -> RangeImage:
+    """Return the range whose window holds the most probability.
 
-    The confidence is that probability times the probability of a return. The windows
-    around the first TRIED components' centres are tried, and two next to the best.
+    The window reaches as far to either side as is near in the grid's view. The
+    confidence is that probability times the probability of a return. The windows around
+    the first TRIED components' centres are tried, and two next to the best.
     """
     view = {"max_range_m": grid.fine.max_range_m, "codec": grid.codec}
+    window_m = grid.fine.near_m
     inside = window_mass(mixture)
 
     def mass(range_m):

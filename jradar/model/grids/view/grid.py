@@ -59,6 +59,11 @@ class ViewGrid(FrameGrid):
         return self.fine
 
     @property
+    def near_m(self) -> float:
+        """What is near in the view: 0.2 m of 12."""
+        return self.fine.near_m
+
+    @property
     def image_shape(self) -> tuple[int, int, int]:
         """Range and validity of each pixel."""
         return (*self.fine.shape, 2)
