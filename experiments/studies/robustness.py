@@ -85,7 +85,7 @@ def study(options: Namespace) -> None:
     rates = choose_rates(records_in_view(chosen), chosen, detectors=("os",))
     print(f"false-alarm rates: {rates}")
     found = options.rpdnet and rpdnet.detector_of(options.rpdnet, chosen)
-    rows, doubts = [], {}
+    rows, warnings = [], {}
     for shift in options.shift or SHIFTS:
         folder = prepared_shift(options.output / "data" / shift, shift)
         seen: Confidences = {}
@@ -96,11 +96,11 @@ def study(options: Namespace) -> None:
         rows += score_shift(view, shift, models, detectors, seen, quick=options.quick)
         for name, model in models.items():
             if model.tables.trust is not None:
-                doubts[name, shift] = warning(folder, model, seen.get(name, {}))
+                warnings[name, shift] = warning(folder, model, seen.get(name, {}))
     path = options.output / "evaluation" / "frames.jsonl"
     evaluation.write_scores(path, rows)
     evaluation.write_tables(path)
-    table = shifts_table(evaluation.read_scores(path), doubts)
+    table = shifts_table(evaluation.read_scores(path), warnings)
     write_text(path.with_name("shifts.md"), table)
     print(table)
 
@@ -179,22 +179,22 @@ def warning(
 
 def shifts_table(
     scores: Sequence[dict[str, Any]],
-    doubts: dict[tuple[str, str], Float[np.ndarray, "frame 2"]],
+    warnings: dict[tuple[str, str], Float[np.ndarray, "frame 2"]],
 ) -> str:
     """Return Markdown: CD (m) / F-score at 0.2 m (%) of each method under each shift.
 
-    `doubts` are those of `warning`, by model and shift.
+    `warnings` are those of `warning`, by model and shift.
     """
     truth = scores[0]["truth"]
     first = [row for row in scores if row["truth"] == truth]
     found = {(r["scene"], r["method"]): r for r in evaluation.summarise(first)}
     shifts = [*dict.fromkeys(shift for shift, _ in found)]
     methods = [*dict.fromkeys(method for _, method in found)]
-    names = [*dict.fromkeys(name for name, _ in doubts)]
+    names = [*dict.fromkeys(name for name, _ in warnings)]
     rows = []
     for shift in shifts:
         row = [shift, *(_cell(found[shift, method]) for method in methods)]
-        rows.append(row + [_warned(*doubts[name, shift].T) for name in names])
+        rows.append(row + [_warned(*warnings[name, shift].T) for name in names])
     if shifted := [shift for shift in shifts if shift != CLEAN]:
         row = ["**mean over shifts**"]
         for method in methods:

@@ -20,7 +20,7 @@ from jradar.motion.scans import scan_poses
 from jradar.progress import progress
 from jradar.radar import PointSpec, Radar, RadarSpec, radar_points
 from jradar.recordings import Recording, need_samples
-from jradar.recordings.sample_checks import sample_doubts
+from jradar.recordings.sample_checks import sample_warnings
 
 MOST_FRAMES = 200
 POINTS = PointSpec(capacity=512)  # that show the motion
@@ -126,7 +126,7 @@ def calibrate_recording(
         tilt=tilt,
         mount=place,
         frames=chosen,
-        warnings=(*sample_doubts(recording, chosen[0]), *itertools.chain(*warnings)),
+        warnings=(*sample_warnings(recording, chosen[0]), *itertools.chain(*warnings)),
         hidden=(
             *_hidden(radar.spec, reflector=reflector is not None, level=level),
             *([PITCH_AND_ROLL] if mount else ()),

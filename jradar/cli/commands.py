@@ -106,7 +106,7 @@ def _velocities(options: argparse.Namespace) -> "tuple[Recording, Velocities]":
             f"{options.path}: {len(frames)} of frames 0 to {count - 1} are chosen, "
             "expected 2 or more, because the motion is between frames"
         )
-    recording = jradar.recordings.with_sample_doubts(recording, frames[0])
+    recording = jradar.recordings.with_sample_warnings(recording, frames[0])
     points = dataclasses.replace(POINTS, **given(options, "folds"))
     with progress("odometry", len(frames), unit="frames") as show:
         found = jradar.motion.frame_velocities(

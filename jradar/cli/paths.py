@@ -70,7 +70,8 @@ def _check_suffix(path: Path, options: argparse.Namespace, folder: bool) -> None
 def _check_writable(path: Path, folder: bool) -> None:
     """Raise OSError if nothing can be written where the output will be.
 
-    Only trying tells: permissions do not bind root, and file systems have their own.
+    A folder is made there and removed: permissions do not bind root, and some file
+    systems have rules of their own.
     """
     places = [path, *path.parents] if folder else [*path.absolute().parents]
     above = next(place for place in places if place.is_dir())

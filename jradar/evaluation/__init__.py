@@ -50,11 +50,12 @@ from jradar.evaluation.reliability import (
     reliability as reliability,
 )
 from jradar.evaluation.report import open_report as open_report
+from jradar.evaluation.scored import Score as Score
 from jradar.evaluation.scores import (
     read_scores as read_scores,
     write_scores as write_scores,
 )
-from jradar.evaluation.scoring import Score as Score, score as score
+from jradar.evaluation.scoring import score as score
 from jradar.evaluation.statistics import (
     compare_methods as compare_methods,
     spread as spread,

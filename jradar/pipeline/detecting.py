@@ -21,7 +21,7 @@ from jradar.recordings import (
     check_samples,
     describe,
     need_samples,
-    with_sample_doubts,
+    with_sample_warnings,
 )
 from jradar.recordings.sample_checks import SampleCheck
 from jradar.types import PointCloud
@@ -148,7 +148,7 @@ def detect_recording(
     """
     need_samples(recording)
     chosen = chosen_frames(recording, frames)
-    return Detection(with_sample_doubts(recording, chosen[0]), points, chosen)
+    return Detection(with_sample_warnings(recording, chosen[0]), points, chosen)
 
 
 def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any]:
@@ -161,12 +161,12 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     if recording.of_points:
         return describe(recording)
     radar, one = recording.radar.spec, range(frame, frame + 1)
-    doubted = with_sample_doubts(recording, chosen_frames(recording, one)[0])
+    checked = with_sample_warnings(recording, chosen_frames(recording, one)[0])
     kinds = [POINTS]
     if radar.num_chirps > 1:
         kinds.append(PointSpec(remove_static=True))
     with ThreadPoolExecutor() as threads:  # which compile at the same time
-        detections = [*threads.map(lambda kind: Detection(doubted, kind, one), kinds)]
+        detections = [*threads.map(lambda kind: Detection(checked, kind, one), kinds)]
     (seen,), *moving = detections
     shown = seen.describe(radar)
     found: dict[str, Any] = {
@@ -181,7 +181,7 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     own = (recording.path / "capture.toml").is_file()
     if own and not (recording.lidar is None and recording.poses is None):
         found["time offset"] = described_offset(recording)
-    described = describe(doubted)
+    described = describe(checked)
     described["notes"] += gravity_warnings(recording)
     described["notes"] += [no_echoes([frame], 1)] if seen.empty else []
     described["notes"] += _misfits(radar, shown["echoes"])

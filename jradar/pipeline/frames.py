@@ -18,7 +18,7 @@ from jradar.model import Model
 from jradar.options.drawing import Drawing
 from jradar.pipeline.history import frame_times
 from jradar.pipeline.pipeline import Frame, Pipeline, without_interference
-from jradar.recordings import Recording, need_samples, with_sample_doubts
+from jradar.recordings import Recording, need_samples, with_sample_warnings
 
 AHEAD = 2  # frames that wait between two threads
 
@@ -28,7 +28,7 @@ class Enhancement(Iterator[Frame]):
 
     def __init__(self, pipeline: Pipeline, frames: range):
         """`enhance_recording` makes one."""
-        self.recording = with_sample_doubts(pipeline.recording, frames[0])
+        self.recording = with_sample_warnings(pipeline.recording, frames[0])
         self.model = pipeline.model
         self.frames, self.watch = frames, pipeline.watch
         self._pipeline, self._times = pipeline, frame_times(pipeline.recording)

@@ -46,6 +46,6 @@ from jradar.recordings.recording import (
 )
 from jradar.recordings.sample_checks import (
     check_samples as check_samples,
-    with_sample_doubts as with_sample_doubts,
+    with_sample_warnings as with_sample_warnings,
 )
 from jradar.recordings.text_files import read_tum as read_tum

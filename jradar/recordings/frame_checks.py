@@ -27,7 +27,7 @@ LEAST_JUMPS = 3  # the same number of chirps apart
 JUMP, STEADY = 1.5, 1.1
 
 
-def frame_doubts(recording: Recording, frame: int) -> Iterator[str]:
+def frame_warnings(recording: Recording, frame: int) -> Iterator[str]:
     """Yield a warning if the frames hold another number of chirps than described."""
     chirps = recording.radar.spec.num_chirps
     count = max(min(FRAMES, CHIRPS // chirps), 2)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int16, Num
 
-from jradar.recordings.frame_checks import frame_doubts
+from jradar.recordings.frame_checks import frame_warnings
 from jradar.recordings.recording import Recording
 
 # Full scale of converters with 16, 14 and 12 bits. TI's chips store all in 16 bits,
@@ -70,7 +70,7 @@ class SampleCheck(NamedTuple):
     largest: float  # of the real and imaginary parts, without their sign
     full_scale: int | None  # at which samples pile up, None if they do not
     share: float  # of the parts that lie at full scale
-    doubts: tuple[str, ...]  # warnings, with the likely fix
+    warnings: tuple[str, ...]  # warnings, with the likely fix
 
 
 def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
@@ -84,37 +84,37 @@ def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
     parts = np.stack([half(chirps) for half in halves])
     largest = float(np.abs(parts).max())
     if not largest:
-        doubt = "all samples are zero: did the radar send, and the card receive?"
-        return SampleCheck(0.0, None, 0.0, (doubt,))
+        warning = "all samples are zero: did the radar send, and the card receive?"
+        return SampleCheck(0.0, None, 0.0, (warning,))
     if not largest < 2**16 or (parts != np.rint(parts)).any():
         return SampleCheck(largest, None, 0.0, ())
-    doubts = [*_offset_doubts(parts)]
+    warnings = [*_offset_warnings(parts)]
     full_scale, share = _clipping(parts)
     if parts.min() >= -(2**15) and parts.max() < 2**15:
-        doubts += _code_doubts(parts[:, :CHIRPS].astype(np.int16))
-    doubts += _antenna_doubts(cube)
-    if full_scale and share > CLIPPED_SHARE and not doubts:
-        doubts.append(
+        warnings += _code_warnings(parts[:, :CHIRPS].astype(np.int16))
+    warnings += _antenna_warnings(cube)
+    if full_scale and share > CLIPPED_SHARE and not warnings:
+        warnings.append(
             f"{share:.1%} of the samples are at full scale ({full_scale - 1:,}): the "
             "receiver is overdriven, and its distortion looks like echoes: lower the "
             "gain (rxGain), or move strong reflectors away"
         )
-    return SampleCheck(largest, full_scale, share, tuple(doubts))
+    return SampleCheck(largest, full_scale, share, tuple(warnings))
 
 
-def sample_doubts(recording: Recording, frame: int) -> tuple[str, ...]:
+def sample_warnings(recording: Recording, frame: int) -> tuple[str, ...]:
     """Return warnings about the samples of a frame."""
-    doubts = check_samples(recording.cubes[frame]).doubts
-    doubts = doubts or (*frame_doubts(recording, frame),)
-    return tuple(f"frame {frame}: {doubt}" for doubt in doubts)
+    warnings = check_samples(recording.cubes[frame]).warnings
+    warnings = warnings or (*frame_warnings(recording, frame),)
+    return tuple(f"frame {frame}: {warning}" for warning in warnings)
 
 
-def with_sample_doubts(recording: Recording, frame: int) -> Recording:
+def with_sample_warnings(recording: Recording, frame: int) -> Recording:
     """Add warnings about the samples of a frame, if any, to a recording's notes."""
     if recording.of_points:
         return recording
-    doubts = sample_doubts(recording, frame)
-    return recording._replace(notes=(*recording.notes, *doubts))
+    warnings = sample_warnings(recording, frame)
+    return recording._replace(notes=(*recording.notes, *warnings))
 
 
 def _clipping(parts) -> tuple[int | None, float]:
@@ -130,7 +130,7 @@ def _clipping(parts) -> tuple[int | None, float]:
     return scale, float(ends.mean())
 
 
-def _offset_doubts(parts):
+def _offset_warnings(parts):
     """Yield a warning about numbers that are positive and swing about a half scale."""
     for scale in SCALES:
         aside = np.abs(parts.mean((1, 2)) - scale).max()
@@ -141,7 +141,7 @@ def _offset_doubts(parts):
             )
 
 
-def _code_doubts(words: Int16[np.ndarray, "part chirp sample"]):
+def _code_warnings(words: Int16[np.ndarray, "part chirp sample"]):
     """Yield a warning if another reading of the words has a far lower noise floor."""
     floors = {name: _floor(change(words)) for name, (change, _) in READINGS.items()}
     best = min(floors, key=lambda name: floors[name])
@@ -153,7 +153,7 @@ def _code_doubts(words: Int16[np.ndarray, "part chirp sample"]):
         )
 
 
-def _antenna_doubts(cube):
+def _antenna_warnings(cube):
     """Yield a warning if the chirps repeat with another number of antennas."""
     count = len(cube)
     in_time = np.moveaxis(cube, 2, 0).reshape(-1, *cube.shape[1::2])[:CHIRPS]

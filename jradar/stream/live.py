@@ -109,8 +109,8 @@ def run_live(
                     warn(why)
                 silent = bool(why)
                 continue
-            if doubt := rate.add(frame.number, frame.arrived_s):
-                warn(doubt)
+            if warning := rate.add(frame.number, frame.arrived_s):
+                warn(warning)
             if keep is not None:
                 keep(frame)
                 source.recycle(frame)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jradar.radar import Radar, RadarSpec
-from jradar.recordings import Recording, Stream, with_sample_doubts
-from jradar.recordings.frame_checks import frame_doubts
+from jradar.recordings import Recording, Stream, with_sample_warnings
+from jradar.recordings.frame_checks import frame_warnings
 from tests.recordings.ti.test_lanes import captures, chirps_of
 
 SENT, PAUSE = 32, 400  # chirps of a frame, and the time of so many until the next
@@ -43,27 +43,27 @@ def recorded(chirps, described):
 def test_another_number_of_chirps_is_named(described, seed):
     recording = recorded(walk(seed=seed), described)
     for frame in (0, len(recording.cubes) - 1):
-        (doubt,) = frame_doubts(recording, frame)
-        assert "jump after every 32 chirps of a transmitter, as from frame" in doubt
-        assert f"not after {described} as described" in doubt
-        assert "with 32 chirps per frame" in doubt
+        (warning,) = frame_warnings(recording, frame)
+        assert "jump after every 32 chirps of a transmitter, as from frame" in warning
+        assert f"not after {described} as described" in warning
+        assert "with 32 chirps per frame" in warning
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_as_described_or_without_motion_or_pauses_are_not(seed):
-    assert not [*frame_doubts(recorded(walk(seed=seed), SENT), 0)]
+    assert not [*frame_warnings(recorded(walk(seed=seed), SENT), 0)]
     for described in (16, 64):
         still = recorded(walk(speeds=(0.0,), seed=seed), described)
         steady = recorded(walk(pause=0, seed=seed), described)
-        assert not [*frame_doubts(still, 0)] and not [*frame_doubts(steady, 0)]
+        assert not [*frame_warnings(still, 0)] and not [*frame_warnings(steady, 0)]
     noise = np.random.default_rng(seed).normal(size=(256, 3, 4, 64, 2)) @ [1, 1j]
-    assert not [*frame_doubts(recorded(noise, 16), 0)]
-    assert not [*frame_doubts(recorded(0 * noise, 16), 0)]
+    assert not [*frame_warnings(recorded(noise, 16), 0)]
+    assert not [*frame_warnings(recorded(0 * noise, 16), 0)]
 
 
-def test_the_doubt_is_a_note_and_another_frames_damage_is_not_its_matter():
+def test_the_warning_is_a_note_and_only_of_its_own_frame():
     recording = recorded(walk(), 64)
-    (note,) = with_sample_doubts(recording, 1).notes
+    (note,) = with_sample_warnings(recording, 1).notes
     assert note.startswith("frame 1: the echoes jump after every 32")
 
     def damaged(index):
@@ -72,8 +72,8 @@ def test_the_doubt_is_a_note_and_another_frames_damage_is_not_its_matter():
         return recording.cubes[index]
 
     broken = recording._replace(cubes=Stream(damaged, len(recording.cubes)))
-    assert with_sample_doubts(broken, 0).notes  # of three frames
-    assert not with_sample_doubts(recorded(walk(), 2), 0).notes  # too few to say
+    assert with_sample_warnings(broken, 0).notes  # of three frames
+    assert not with_sample_warnings(recorded(walk(), 2), 0).notes  # too few to say
 
 
 def test_real_captures(samples):
@@ -86,7 +86,7 @@ def test_real_captures(samples):
             recording = recorded(chirps, described)
             if "gao" not in str(path) or described == 128:
                 if len(recording.cubes):
-                    assert not [*frame_doubts(recording, 0)], (path, described)
+                    assert not [*frame_warnings(recording, 0)], (path, described)
             elif described > 16:
-                (doubt,) = frame_doubts(recording, 0)
-                assert "jump after every 128 chirps" in doubt
+                (warning,) = frame_warnings(recording, 0)
+                assert "jump after every 128 chirps" in warning

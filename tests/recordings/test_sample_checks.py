@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
-from jradar.recordings import check_samples, open_recording, with_sample_doubts
+from jradar.recordings import check_samples, open_recording, with_sample_warnings
 from tests.recordings.cube_writer import SHAPE, random_cube, save
 
 AS_STORED = {  # how a file would have to store samples for them to be read wrongly
@@ -62,25 +62,25 @@ def cube(request):
     return of_words(words.reshape(2, 3, 4, 64, 256))
 
 
-def test_good_samples_raise_no_doubt(cube):
+def test_good_samples_raise_no_warning(cube):
     found = check_samples(cube)
-    assert found.doubts == () and found.full_scale is None and found.share == 0
+    assert found.warnings == () and found.full_scale is None and found.share == 0
     assert found.largest == np.abs(words_of(cube).astype(int)).max()
 
 
 @pytest.mark.parametrize("name", AS_STORED)
 def test_samples_in_another_code_are_named(cube, name):
     stored = of_words(AS_STORED[name](words_of(cube)))
-    [doubt] = check_samples(stored).doubts
-    assert f"look like numbers in {name}" in doubt and "dB lower" in doubt
+    [warning] = check_samples(stored).warnings
+    assert f"look like numbers in {name}" in warning and "dB lower" in warning
 
 
 @pytest.mark.parametrize("middle", [2**11, 2**13, 2**15])
 def test_unsigned_samples_are_named(cube, middle):
     parts = words_of(cube).astype(float)
     parts = np.rint(parts * min(1, (middle - 1) / np.abs(parts).max())) + middle
-    [doubt] = check_samples(of_words(parts)).doubts
-    assert f"swing about {middle:,}" in doubt and f"subtract {middle:,}" in doubt
+    [warning] = check_samples(of_words(parts)).warnings
+    assert f"swing about {middle:,}" in warning and f"subtract {middle:,}" in warning
 
 
 @pytest.mark.parametrize(
@@ -90,8 +90,8 @@ def test_unsigned_samples_are_named(cube, middle):
 def test_clipping_is_measured(cube, scale, step):
     found = check_samples(clipped(cube, scale, gain=3.0, step=step))
     assert found.full_scale == scale and 0.02 < found.share < 0.6
-    [doubt] = found.doubts
-    assert f"{found.share:.1%} of the samples are at full scale" in doubt
+    [warning] = found.warnings
+    assert f"{found.share:.1%} of the samples are at full scale" in warning
     parts = words_of(clipped(frame(), 2**15, gain=2.0))  # now with equal ends
     assert check_samples(of_words(np.maximum(parts, 1 - 2**15))).share > 0.1
 
@@ -100,28 +100,28 @@ def test_peaks_and_a_tone_near_full_scale_are_no_clipping(cube):
     """A tone visits its extremes more often than other values."""
     phase = np.linspace(0, 200 * np.pi, 2 * 4 * 8 * 256).reshape(2, 4, 8, 256)
     for scale in (2**15, 2**13, 2**11):
-        assert check_samples(clipped(cube, scale, gain=0.999)).doubts == ()
+        assert check_samples(clipped(cube, scale, gain=0.999)).warnings == ()
         tone = np.rint((scale - 1) * np.stack([np.cos(phase), np.sin(phase)]))
-        assert check_samples(of_words(tone)).doubts == ()
+        assert check_samples(of_words(tone)).warnings == ()
 
 
-def test_scaled_and_real_samples_and_noise_raise_no_doubt():
+def test_scaled_and_real_samples_and_noise_raise_no_warning():
     for factor in (1 / 7, 1e6, 1e20):
-        assert check_samples((frame() * factor).astype(np.complex64)).doubts == ()
-    assert check_samples(random_cube((3, 4, 16, 64))).doubts == ()
+        assert check_samples((frame() * factor).astype(np.complex64)).warnings == ()
+    assert check_samples(random_cube((3, 4, 16, 64))).warnings == ()
     noise = np.random.default_rng(0).integers(-(2**15), 2**15, (2, 2, 4, 16, 64))
-    assert check_samples(of_words(noise.astype(np.int16))).doubts == ()
+    assert check_samples(of_words(noise.astype(np.int16))).warnings == ()
     real = frame(channels=(1, 2)).real.astype(np.float32)
-    assert check_samples(real).doubts == ()
+    assert check_samples(real).warnings == ()
     swapped = real.astype(np.int16).byteswap().astype(np.float32)
-    assert "the other byte order" in check_samples(swapped).doubts[0]
+    assert "the other byte order" in check_samples(swapped).warnings[0]
 
 
-def test_doubts_are_notes_of_a_recording(tmp_path):
+def test_warnings_are_notes_of_a_recording(tmp_path):
     recording = open_recording(save(tmp_path, random_cube()))
-    assert with_sample_doubts(recording, 0).notes == ()
+    assert with_sample_warnings(recording, 0).notes == ()
     silent = open_recording(save(tmp_path, np.zeros(SHAPE, np.complex64)))
-    [note] = with_sample_doubts(silent, 0).notes
+    [note] = with_sample_warnings(silent, 0).notes
     assert note.startswith("frame 0: all samples are zero: did the radar send")
 
 
@@ -143,9 +143,9 @@ def test_chirps_of_another_number_of_antennas_are_named(sent, taken, speed):
     place = place + np.array([6.0, 0, 0])
     targets = Scatterers(place, np.full(12, speed), np.full(12, 3e3))
     cube = np.rint(np.asarray(simulate_cube(key, targets, radar, noise_power=1.0)))
-    assert check_samples(cube).doubts == ()
-    (doubt,) = check_samples(split(cube, taken)).doubts
-    assert f"repeat after {sent}, not after {taken}" in doubt
+    assert check_samples(cube).warnings == ()
+    (warning,) = check_samples(split(cube, taken)).warnings
+    assert f"repeat after {sent}, not after {taken}" in warning
 
 
 def test_halves_of_chirps_are_no_chirps(samples):
@@ -154,16 +154,16 @@ def test_halves_of_chirps_are_no_chirps(samples):
     words = words.reshape(128, 3, 4, 64, 2, 2).transpose(4, 1, 2, 0, 3, 5)
     cube = of_words(words.reshape(2, 3, 4, 128, 128))
     for first in range(0, 128, 16):
-        (doubt,) = check_samples(cube[:, :, first : first + 16]).doubts
-        assert "repeat after 6, not after 3" in doubt
-        assert "with 256 samples per chirp instead of 128" in doubt
+        (warning,) = check_samples(cube[:, :, first : first + 16]).warnings
+        assert "repeat after 6, not after 3" in warning
+        assert "with 256 samples per chirp instead of 128" in warning
 
 
 def test_a_real_echo_ahead_of_two_antennas_instead_of_three(samples):
     words = np.fromfile(samples / "awr1843_3tx" / "adc_data_Raw_0.bin", "<i2")
     words = words.reshape(96, 2, 4, 128, 2, 2).transpose(4, 1, 2, 0, 3, 5)
-    (doubt,) = check_samples(of_words(words.reshape(2, 2, 4, 96, 256))).doubts
-    assert "repeat after 3, not after 2" in doubt
+    (warning,) = check_samples(of_words(words.reshape(2, 2, 4, 96, 256))).warnings
+    assert "repeat after 3, not after 2" in warning
 
 
 @pytest.mark.parametrize("sent", [2, 3])
@@ -176,5 +176,5 @@ def test_halves_of_simulated_chirps(sent):
     targets = Scatterers(place + np.array([6.0, 0, 0]), np.zeros(12), np.full(12, 3e3))
     cube = np.rint(np.asarray(simulate_cube(key, targets, radar, noise_power=1.0)))
     halves = np.moveaxis(cube, 2, 0).reshape(96, sent, 4, 64)
-    (doubt,) = check_samples(np.moveaxis(halves, 0, 2)).doubts
-    assert f"repeat after {2 * sent}, not after {sent}" in doubt
+    (warning,) = check_samples(np.moveaxis(halves, 0, 2)).warnings
+    assert f"repeat after {2 * sent}, not after {sent}" in warning

@@ -193,15 +193,15 @@ def test_the_second_signal_acts_as_usual():
         signal.signal(signal.SIGINT, before)
 
 
-def test_frames_of_another_size_than_the_cfgs_are_doubted(tmp_path):
+def test_frames_of_another_size_than_the_cfgs_are_warned_of(tmp_path):
     (tmp_path / "profile.cfg").write_text(CFG)  # a frame every 100 ms
     processor = Processor(radar_on_the_cable(tmp_path / "profile.cfg"), points=POINTS)
-    for period, doubted in ((0.1, False), (0.105, False), (0.05, True), (0.2, True)):
+    for period, warned in ((0.1, False), (0.105, False), (0.05, True), (0.2, True)):
         rate = FrameRate(processor.recording)
-        doubts = [rate.add(number, 7 + number * period) for number in range(200)]
-        assert len([*filter(None, doubts)]) == doubted
-        if doubted:
-            said = "".join(doubts)
+        warnings = [rate.add(number, 7 + number * period) for number in range(200)]
+        assert len([*filter(None, warnings)]) == warned
+        if warned:
+            said = "".join(warnings)
             assert f"comes every {1e3 * period:.4g} ms" in said
             assert f"{0.1 / period:.3g} times as large" in said
 

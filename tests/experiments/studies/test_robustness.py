@@ -22,12 +22,12 @@ def test_the_table_of_shifts_has_means_and_shares_of_warnings():
 
     scores = [row("clean", 0.8, 0), row("clean", 0.6, 1)]
     scores += [row("noise", 0.3, 0), row("noise", 0.5, 1), row("tilt", 0.2, 0)]
-    doubts = {
+    warnings = {
         ("ours", "clean"): np.array([[0.3, 0.8], [0.6, 0.7]]),
         ("ours", "noise"): np.array([[0.5, 0.6], [1.0, 0.75]]),
         ("ours", "tilt"): np.array([[0.5, 0.4]]),
     }
-    table = robustness.shifts_table(scores, doubts)
+    table = robustness.shifts_table(scores, warnings)
     assert "| noise | 1.00 / 40.0" in table and "| clean | 1.00 / 70.0" in table
     assert "| **mean over shifts** | **1.00 / 30.0** |  |" in table  # without clean
     assert "| 50, 0 |" in table  # a frame of noise is unlike training
