@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jradar.evaluation.scores import COUNTS, DISTANCES, F_SCORES
-from jradar.metrics import compare_on_host, f_score_of, near_truth
+from jradar.metrics import NEAR_M, compare_on_host, f_score_of, near_truth
 from jradar.types import PointCloud
 
 RINGS = 4  # up to the end of the view
@@ -101,16 +101,32 @@ def score_points(
     return dict(zip((*DISTANCES, *F_SCORES), values, strict=True))
 
 
+def in_larger_view(scored: Scored, unit: float) -> Scored:
+    """Return the scores of clouds in a view that is `unit` times as large as usual.
+
+    F-scores are within `unit` times the distances of their names; distances stay in
+    metres.
+    """
+
+    def larger(found, truth):
+        scores = scored(found / unit, truth / unit)
+        return scores | {name: unit * scores[name] for name in DISTANCES}
+
+    return larger
+
+
 def mean_scores(
-    clouds: Iterable[np.ndarray], truths: Iterable[np.ndarray]
+    clouds: Iterable[np.ndarray], truths: Iterable[np.ndarray], *, unit: float = 1.0
 ) -> dict[str, float]:
     """Return the mean Chamfer distance and F-score at 0.2 m of clouds `[point, 3]`.
 
     By the rule of the tables, an empty cloud has no distance and an F-score of 0;
     `empty` is the share of such clouds. A cloud with an empty truth is left out.
+    `unit` is as in `in_larger_view`.
     """
+    scored = in_larger_view(score_points, unit)
     found = [(c, t) for c, t in zip(clouds, truths, strict=True) if len(t)]
-    scores = [score_points(cloud, truth) for cloud, truth in found]
+    scores = [scored(cloud, truth) for cloud, truth in found]
     return {
         "chamfer": known_mean(score["chamfer"] for score in scores),
         "f_score_0.2": known_mean(score["f_score_0.2"] for score in scores),
@@ -134,8 +150,11 @@ def score_rings(
     truth: Float[np.ndarray, "other 3"],
     *,
     edges: Sequence[float],
+    near_m: float = NEAR_M,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the F-score at 0.2 m of each ring, with the fields that `summarise` needs.
+    """Yield the F-score within `near_m` of each ring.
+
+    Rows have the fields that `summarise` needs.
 
         radar  |  0 to 3 m  |  3 to 6 m  |  ...
 
@@ -143,7 +162,8 @@ def score_rings(
     of it with a found point nearby, each in any ring. The score is NaN in a ring
     without a true point, and 0 in one without a found point.
     """
-    right, seen = near_truth(found, truth), near_truth(truth, found)
+    right = near_truth(found, truth, within_m=near_m)
+    seen = near_truth(truth, found, within_m=near_m)
     distances = [np.linalg.norm(points, axis=-1) for points in (found, truth)]
     for low, high in itertools.pairwise(edges):
         here, there = ((low <= d) & (d < high) for d in distances)

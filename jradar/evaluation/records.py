@@ -17,7 +17,13 @@ from matplotlib.figure import Figure
 
 from jradar import data, viz
 from jradar.errors import UsageError
-from jradar.evaluation.methods import Method, Truth, Watch, score_frames
+from jradar.evaluation.methods import (
+    Method,
+    Truth,
+    Watch,
+    in_larger_view,
+    score_frames,
+)
 from jradar.evaluation.protocols import PROTOCOLS
 from jradar.evaluation.report import ABOUT, build_report, save_clouds
 from jradar.evaluation.scores import Scores, write_scores
@@ -149,6 +155,7 @@ def score_and_keep(
     truths: Mapping[str, Truth] | None = None,
     watch: Watch | None = None,
     protocol: str = PAPER,
+    unit: float = 1.0,
 ) -> tuple[Scores, Clouds]:
     """Return the rows of `score_records`, and the clouds of some frames."""
     scored = [i for index in _scored(view.records, every).values() for i in index]
@@ -168,7 +175,7 @@ def score_and_keep(
             named[row["method"]] = surest_points(cloud)
             named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # LiDAR comes last
 
-    options = {"every": every, "truths": truths, "protocol": protocol}
+    options = {"every": every, "truths": truths, "protocol": protocol, "unit": unit}
     rows = score_records(key, view, pairs, methods, watch=keep, **options)
     return [*rows], clouds
 
@@ -206,9 +213,11 @@ def score_records(
     truths: Mapping[str, Truth] | None = None,
     watch: Watch | None = None,
     protocol: str = PAPER,
+    unit: float = 1.0,
 ) -> Iterator[dict[str, Any]]:
     """Yield scores of methods on every `every`-th frame of each sequence.
 
+    `unit` is as in `in_larger_view`.
     By default there are two truths: the prepared LiDAR cloud, and that cloud after its
     range image. A row's `frame` is the number of the radar frame in its recording.
     """
@@ -232,7 +241,7 @@ def score_records(
                 size=lambda frame: len(frame.prepared.radar.valid),
                 compiled=compiled,
                 watch=watch,
-                scored=PROTOCOLS[protocol],
+                scored=in_larger_view(PROTOCOLS[protocol], unit),
             )
             for row in rows:
                 yield row | {"frame": records.where[index[row["frame"]]][1]}

@@ -18,6 +18,7 @@ from jradar.evaluation.reliability import precision_over_coverage, reliability
 from jradar.evaluation.scores import Scores
 from jradar.evaluation.statistics import compare_methods
 from jradar.evaluation.tables import COLUMNS, pooled
+from jradar.metrics import NEAR_M
 from jradar.options.protocols import PAPER, PROTOCOLS as DEFINITIONS
 
 JUDGED = "f_score_0.2"
@@ -37,6 +38,7 @@ class Score(NamedTuple):
     view: RecordsInView
     notes: tuple[str, ...]
     protocol: str = PAPER
+    near_m: float = NEAR_M  # within which a point is right in the view
 
     def describe(self) -> dict[str, Any]:
         """Return the tables, in metres and percent; intervals hold 95 %."""
@@ -50,9 +52,9 @@ class Score(NamedTuple):
         more = () if self.protocol == PAPER else OF_PROTOCOLS
         for truth in dict.fromkeys(row["truth"] for row in self.rows):
             means = pooled(row for row in self.rows if row["truth"] == truth)
-            found[f"against the {truth}"] = [_line(mean, more) for mean in means]
+            found[f"against the {truth}"] = [self._line(mean, more) for mean in means]
         found["by distance"] = [
-            {"distance": mean["distance"], **_line(mean)}
+            {"distance": mean["distance"], **self._line(mean)}
             for mean in self._by_distance()
         ]
         found["compared"] = [*self._compared()]
@@ -86,9 +88,26 @@ class Score(NamedTuple):
                 found = compare_methods(scores, rows[reference], score=JUDGED)
                 yield {
                     "methods": f"{name} minus {reference}",
-                    **_interval("F 0.2 m (points)", found.difference),
+                    **_interval(f"F {self.near_m:g} m (points)", found.difference),
                     "p": found.t_test,
                 }
+
+    @property
+    def _title(self):
+        """The column of the F-score, by the distance within which points are right."""
+        return f"F {self.near_m:g} m (%)"
+
+    def _line(self, mean: dict[str, Any], more: Sequence[str] = ()) -> dict[str, Any]:
+        line = {"method": mean["method"]}
+        if "chamfer" in mean:
+            line["CD (m)"] = mean["chamfer"].mean
+        for name in more:
+            line[COLUMNS[name].title] = COLUMNS[name].scale * mean[name].mean
+        line |= _interval(self._title, mean[JUDGED])
+        line["points"] = round(mean["points"].mean) if mean["frames"] else 0
+        if "milliseconds" in mean:
+            line["ms"] = mean["milliseconds"].mean
+        return line | {"frames": mean["frames"], "empty": mean["empty"]}
 
     def write(self, folder: Path | str) -> Path:
         """Write scores, tables, pictures, clouds and a report; return its path."""
@@ -96,10 +115,9 @@ class Score(NamedTuple):
         for mean in self._by_distance():
             curve = curves.setdefault(mean["method"], {})
             curve[mean["distance"]] = 100 * mean[JUDGED].mean
-        title = COLUMNS[JUDGED].title
         figures = {
             "samples": samples(self.clouds, self.view.fine),
-            "distance": viz.bars_figure(curves, ylabel=title),
+            "distance": viz.bars_figure(curves, ylabel=self._title),
         }
         if judged := self.confidence:
             bins = {name: reliability(*p).means() for name, p in judged.items()}
@@ -108,20 +126,12 @@ class Score(NamedTuple):
         about = ""
         if self.protocol != PAPER:
             about = f"Protocol {self.protocol}: {DEFINITIONS[self.protocol]}."
+        elif self.near_m != NEAR_M:
+            about = (
+                f"The view is {self.near_m / NEAR_M:g} times as large as usual, and so "
+                f"are the distances of F-scores: F 0.2 m means {self.near_m:g} m."
+            )
         return write_report(Path(folder), self.rows, self.clouds, figures, about=about)
-
-
-def _line(mean: dict[str, Any], more: Sequence[str] = ()) -> dict[str, Any]:
-    line = {"method": mean["method"]}
-    if "chamfer" in mean:
-        line["CD (m)"] = mean["chamfer"].mean
-    for name in more:
-        line[COLUMNS[name].title] = COLUMNS[name].scale * mean[name].mean
-    line |= _interval(COLUMNS[JUDGED].title, mean[JUDGED])
-    line["points"] = round(mean["points"].mean) if mean["frames"] else 0
-    if "milliseconds" in mean:
-        line["ms"] = mean["milliseconds"].mean
-    return line | {"frames": mean["frames"], "empty": mean["empty"]}
 
 
 def _interval(title: str, estimate: Any) -> dict[str, float]:

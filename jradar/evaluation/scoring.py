@@ -46,7 +46,7 @@ from jradar.evaluation.records import (
 from jradar.evaluation.scored import JUDGED, Score
 from jradar.evaluation.tables import pooled
 from jradar.lidar import LidarSpec
-from jradar.metrics import near_truth
+from jradar.metrics import NEAR_M, near_truth
 from jradar.model import FrameGrid, Model, load_model
 from jradar.options.protocols import PAPER
 from jradar.pipeline import Pipeline, of_model
@@ -202,6 +202,7 @@ def _scored(records, models, answers, truths, seed, protocol) -> Score:
         methods = detector_methods(view, rates)
     methods = {k: _compared(method, grid) for k, method in (methods | answers).items()}
     edges, rings, judged = ring_edges(grid.view.max_range_m), [], {}
+    near_m = grid.near_m
     sent = InView(first)
 
     def watch(frame, row, cloud, truth):
@@ -212,10 +213,11 @@ def _scored(records, models, answers, truths, seed, protocol) -> Score:
         points = surest_points(cloud)
         about = {name: row[name] for name in ("scene", "sequence", "frame", "method")}
         rings.extend(
-            about | ring for ring in score_rings(points[:, :3], truth, edges=edges)
+            about | ring
+            for ring in score_rings(points[:, :3], truth, edges=edges, near_m=near_m)
         )
         if row["method"] in models and points.shape[1] > 3 and len(truth):
-            right = near_truth(points[:, :3], truth)
+            right = near_truth(points[:, :3], truth, within_m=near_m)
             judged.setdefault(row["method"], []).append((points[:, 3], right))
 
     seen = {TRUTH: lambda frame: np.asarray(frame.prepared.lidar_xyz), **truths}
@@ -227,6 +229,7 @@ def _scored(records, models, answers, truths, seed, protocol) -> Score:
         truths={name: _compared_truth(truth, grid) for name, truth in seen.items()},
         watch=watch,
         protocol=protocol,
+        unit=near_m / NEAR_M if protocol == PAPER else 1.0,
     )
     names = [name for name, _ in records.where]
     return Score(
@@ -247,6 +250,7 @@ def _scored(records, models, answers, truths, seed, protocol) -> Score:
         view=view,
         notes=(*sent.warnings(), *_notes(records, models, rates, rows)),
         protocol=protocol,
+        near_m=near_m,
     )
 
 

@@ -91,19 +91,13 @@ def frame_scores(
     if found := [*judged(key, model, records, frames=count)]:
         least = THRESHOLDS[int(np.argmax(mean_f_scores(found)))]
         clouds = [frame.xyz[frame.confidence >= least] for frame in found]
-        return _scores(clouds, [frame.truth for frame in found], unit)
+        return mean_scores(clouds, [frame.truth for frame in found], unit=unit)
     pairs = pairs_of(model.spec, records)
     method, index = drawn(model), spread(len(records), count)
     frames = {i: MethodInput(records[i], pairs[i]) for i in index}
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in frames.items()]
     truths = [frame.prepared.lidar_xyz for frame in frames.values()]
-    return _scores([*map(points_of, clouds)], truths, unit)
-
-
-def _scores(clouds, truths, unit):
-    """The mean scores; those within 0.2 m are within what is near in the view."""
-    found = mean_scores(*([xyz / unit for xyz in part] for part in (clouds, truths)))
-    return found | {"chamfer": unit * found["chamfer"]}
+    return mean_scores(map(points_of, clouds), truths, unit=unit)
 
 
 def _between(before: Any, after: Any, share: float) -> Any:

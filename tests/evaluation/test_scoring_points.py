@@ -1,11 +1,14 @@
 """Scores on the points that a radar sent: rows, values by hand, and what is refused."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from jradar.data import PrepareSpec, lidar_in_view, prepare
 from jradar.data.frames import prepare_frame
 from jradar.errors import UsageError
+from jradar.evaluation.detectors import in_view
 from jradar.evaluation.scoring import SENT, WHOLE, score
 from jradar.lidar import LidarSpec
 from jradar.model import save_model
@@ -95,3 +98,29 @@ def test_models_of_samples_are_refused(walk, tmp_path):
     save_model(tmp_path / "plane", tiny_polar_model())
     with pytest.raises(UsageError, match="sees a radar's samples, not its points"):
         score(walk, models=[tmp_path / "plane"])
+
+
+def test_in_a_view_of_60_m_points_are_right_within_1_m(walk, tmp_path):
+    fine = dataclasses.replace(SPEC.grid.fine, max_range_m=60.0)
+    coarse = dataclasses.replace(SPEC.grid.coarse, max_range_m=60.0)
+    folder = tmp_path / "wide"
+    save_model(folder, tiny_model(method="regression", coarse=coarse, fine=fine))
+    found = score(walk, models=[str(folder)])
+    (line, *_) = (shown := found.describe())["against the LiDAR"]
+    assert line["method"] == "radar points" and shown["by distance"][0]["F 1 m (%)"]
+    prepared = PrepareSpec(lidar=LidarSpec(**VIEW | {"max_range_m": 60.0}))
+    scores, distances = [], []
+    for frame in (0, 1):
+        record, *_ = prepare_frame(open_recording(walk), frame, frame, prepared)
+        radar = np.asarray(record.radar.xyz)[np.asarray(record.radar.valid)]
+        radar = radar[in_view(radar, fine)]
+        scores.append(f_score(radar / 5, record.lidar_xyz / 5))
+        apart = np.linalg.norm(radar[:, None] - record.lidar_xyz[None], axis=-1)
+        distances.append(apart.min(0).mean() + apart.min(1).mean())
+    assert line["F 1 m (%)"] == pytest.approx(100 * np.mean(scores), rel=1e-5)
+    assert line["CD (m)"] == pytest.approx(np.mean(distances), rel=1e-5)
+    report = found.write(tmp_path / "scores")
+    about = (
+        "The view is 5 times as large as usual, and so are the distances of F-scores"
+    )
+    assert about in report.read_text()

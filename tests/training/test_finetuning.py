@@ -146,17 +146,6 @@ def test_in_a_view_five_times_as_large_a_model_draws_what_is_five_times_as_far(
     np.testing.assert_allclose(away.confidence, near.confidence, atol=1e-3)
 
 
-def test_points_within_what_is_near_in_the_view_are_right():
-    truth = np.array([[30.0, 0.0, 0.0], [30.0, 9.0, 0.0]])
-    frames, far = truth + [0.7, 0.0, 0.0], truth + [1.3, 0.0, 0.0]
-    assert choosing._scores([frames], [truth], 5.0)[SCORE] == 1
-    assert choosing._scores([far], [truth], 5.0)[SCORE] == 0
-    assert choosing._scores([frames], [truth], 1.0)[SCORE] == 0
-    for unit in (1.0, 5.0):
-        scores = choosing._scores([frames], [truth], unit)
-        assert scores["chamfer"] == pytest.approx(1.4)
-
-
 def test_old_frames_are_held_out_by_sequence(tmp_path):
     source, folder = tmp_path / "source", tmp_path / "records"
     frames = {"a": 1, "b": 2, "c": 3, "d": 1}
