@@ -30,5 +30,11 @@ def test_a_true_point_beyond_the_edge_counts():
     assert near["f_score_0.2"] == 1 and far["f_score_0.2"] == 0
 
 
+def test_a_point_on_an_edge_is_of_the_ring_that_begins_there():
+    near, far = score_rings(ahead(0, 3), ahead(0, 3, 6), edges=EDGES)
+    assert (near["points"], near["truth_points"]) == (1, 1)
+    assert (far["points"], far["truth_points"]) == (1, 1)  # 6 m are beyond all rings
+
+
 def test_rings_end_with_the_view():
     assert ring_edges(12.0) == (0.0, 3.0, 6.0, 9.0, 12.0)

@@ -11,7 +11,7 @@ from jradar.data import PrepareSpec, prepare
 from jradar.data.frames import prepare_frame
 from jradar.errors import UsageError
 from jradar.evaluation import read_scores
-from jradar.evaluation.scoring import WHOLE, score
+from jradar.evaluation.scoring import WHOLE, _records, score
 from jradar.lidar import LidarSpec
 from jradar.model import save_model
 from jradar.recordings import open_recording
@@ -121,6 +121,10 @@ def test_records_score_their_test_or_validation_frames(walks, models, found, tmp
             assert row["f_score_0.2"] == pytest.approx(same["f_score_0.2"], abs=1e-6)
     with pytest.raises(UsageError, match=r"no test frames.*--test NAME"):
         score(records, models=models[:1], split="test")
+    both, splits = tmp_path / "both", {"b": "validation", "a": "test"}
+    prepare(walks, both, spec, workers=1, splits=splits, frames=slice(0, 1))
+    for split, name in ((None, "a"), ("validation", "b")):
+        assert [s["name"] for s in _records(both, split).sequences] == [name]
     with pytest.raises(UsageError, match="one folder of records"):
         score([records, walks[0]], models=models[:1])
 

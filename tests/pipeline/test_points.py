@@ -6,6 +6,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses
@@ -217,6 +218,23 @@ def test_points_of_the_last_seconds_lie_where_they_are_now(poses):
         earlier = np.asarray(cloud.xyz)[61 + 60 * part :][:60]
         np.testing.assert_allclose(earlier, present, atol=1e-2 if poses else 0.05)
     assert not warnings
+
+
+def test_points_of_the_last_seconds_lie_where_they_are_to_a_radar_that_turns():
+    count, stamps = 4, 0.1 * np.arange(4)
+    yaw = Rotation.from_rotvec(np.outer(0.1 * np.arange(count), [0, 0, 1]))
+    world = np.random.default_rng(5).uniform([4, -3, -1], [9, 3, 1], (60, 3))
+    clouds = [PointCloud.from_xyz(yaw[k].inv().apply(world)) for k in range(count)]
+    walk = recording(*clouds, poses=True)
+    poses = Poses(stamps, np.zeros((count, 3)), yaw.as_quat())
+    walk = walk._replace(
+        poses=poses, points=Stream(clouds.__getitem__, count, stamps),
+        base_from_radar=np.eye(4),
+    )  # fmt: skip
+    found, _ = joined(walk, 0.35)
+    xyz = np.asarray(found[-1].xyz)[np.asarray(found[-1].valid)]
+    assert len(xyz) == 4 * 60
+    np.testing.assert_allclose(xyz, np.tile(xyz[:60], (4, 1)), atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,14 @@ def test_only_echoes_of_6_db_stand_out():
     np.testing.assert_array_equal(near_echo(IMAGES[0], loud, SPEC), same)
 
 
+def test_a_point_that_is_not_valid_is_near_nothing():
+    place = jnp.array([[4.0, 1.0, 0.0], [4.0, 1.0, 0.0]])
+    cloud = PointCloud(place, jnp.array([True, False]))
+    np.testing.assert_array_equal(
+        near_echo(cloud, PointCloud.from_xyz(place), SPEC), [True, False]
+    )
+
+
 def test_images_together_are_images_one_by_one():
     stacked = jax.tree.map(lambda *values: jnp.stack(values), *IMAGES)
     both = jax.vmap(near_echo, (0, None, None))(stacked, CLOUD, SPEC)

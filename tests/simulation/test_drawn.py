@@ -90,6 +90,30 @@ def test_the_frames_of_a_walk_show_one_place_along_its_poses():
     assert not np.array_equal(walk.cube(0), walk.cube(1))
 
 
+def test_each_frame_of_a_walk_has_noise_of_its_own():
+    setting = drawn._setting(drawn_sources("jradar-sim-6-mini")[0], 0)
+    seen = drawn.TIME_S + np.array([0.0, 1e-9])  # nothing moves in between
+    first, later = (drawn._cube(setting, seen, k) for k in (0, 1))
+    assert np.std(later - first) > 1e-4 * np.std(first)
+    np.testing.assert_array_equal(drawn._cube(setting, seen, 0), first)
+
+
+def test_a_walk_through_a_map_is_no_faster_than_its_path_is_free(monkeypatch):
+    source = drawn_sources("jradar-sim-6-mini")[0]._replace(path="map")
+    scene = drawn._scene(source._replace(path=""), 0)
+    monkeypatch.setattr(drawn, "_scene", lambda source, frame: scene)
+    monkeypatch.setattr(drawn, "_seen_share", lambda scene, yaw: 1.0)
+    carried = []
+    monkeypatch.setattr(
+        drawn, "carried", lambda s, seed, unit, **_: carried.append(unit) or setting
+    )
+    setting = drawn._setting(source._replace(path=""), 0)
+    for number in range(40):
+        drawn._setting(source._replace(name=f"walk_{number}"), 0)
+    speeds = [unit.speed_mps for unit in carried[1:]]
+    assert max(speeds) == drawn.WALK_MPS and min(speeds) == 0
+
+
 def test_walks_and_single_frames_share_no_place():
     walks = drawn_sources("jradar-sim-6")
     singles = {(s.kind, s.number) for s in drawn_sources("jradar-sim-5")}

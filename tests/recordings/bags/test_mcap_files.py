@@ -12,6 +12,7 @@ from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType, Writer
 
 from jradar.files import open_file
+from jradar.recordings.bags import mcap_files
 from jradar.recordings.bags.mcap_files import CHUNK, HEAD, MAGIC, McapFile
 
 KINDS = [
@@ -27,8 +28,8 @@ def write(path, **options):
     """Messages on three topics, whose times jump back and repeat, in small chunks."""
     rng = np.random.default_rng(0)
     with path.open("wb") as file:
-        plain = {"compression": CompressionType.NONE}
-        writer = Writer(file, chunk_size=500, **(plain | options))
+        plain = {"compression": CompressionType.NONE, "chunk_size": 500}
+        writer = Writer(file, **(plain | options))
         writer.start("ros2", "a test")
         schema = writer.register_schema("a/msg/B", "ros2msg", b"int8 x\n")
         topics = [writer.register_channel(f"/{i}", "cdr", schema) for i in range(3)]
@@ -71,6 +72,14 @@ def test_messages_are_those_of_the_packages_own_reader(tmp_path, options):
             assert sorted(found, key=by_number) == sorted(expected, key=by_number)
     assert sum(file.counts.values()) == 200 and file.notes == ()
     assert file.channels[2].topic == "/1" and file.schemas[1].name == "a/msg/B"
+
+
+def test_a_chunk_that_is_larger_than_the_limit_is_not_read(tmp_path, monkeypatch):
+    path = write(tmp_path / "a.mcap", chunk_size=100_000)
+    monkeypatch.setattr(mcap_files, "MOST_BYTES", 2000)  # enough for the summary
+    found, file = by_jradar(path)
+    (note,) = file.notes
+    assert not found and note.startswith("1 damaged chunks in a.mcap are left out")
 
 
 @pytest.mark.parametrize("kind", CompressionType)

@@ -5,6 +5,7 @@ import pytest
 
 from jradar.recordings import is_recording, nearest_scan, open_recording
 from jradar.recordings.points.frames import describe_points, static_fits
+from tests.recordings.points.astyx_writer import write_astyx
 
 RNG = np.random.default_rng(0)
 XYZ = RNG.uniform((2, -3, -1), (8, 3, 1), (40, 3)).astype(np.float32)
@@ -79,6 +80,13 @@ def test_real_radar_on_a_car_at_17_mps(samples):
     assert len(found.points) == 8
     share, speed, ahead = static_fits([*found.points]) or (0, 0, 0)
     assert 0.9 < share < 0.98 and 16 < ahead <= speed < 18
+
+
+def test_astyx_velocities_are_negative_where_its_own_are_positive(tmp_path):
+    path = write_astyx(tmp_path / "walk.npz", [("wall",)])
+    (cloud,) = open_recording(path).points
+    written = np.load(path)["radar_mm_s"]
+    np.testing.assert_allclose(cloud.velocity, -written / 1000, atol=1e-6)
 
 
 def test_real_pairs_of_radar_and_lidar(samples):

@@ -30,6 +30,8 @@ from jradar.range_image import (
     velocity_image,
 )
 
+MOST_SURROUNDED = 1024  # points: as many as one dense frame has
+
 
 @dataclasses.dataclass(frozen=True)
 class ViewGrid(FrameGrid):
@@ -108,7 +110,8 @@ class ViewGrid(FrameGrid):
         return cloud._replace(velocity=velocity.ravel())
 
     def surroundings(self, points):
-        """Return a disc of points around each of the radar's."""
+        """Return a disc of points around each of the radar's newest points."""
+        points = jax.tree.map(lambda column: column[:MOST_SURROUNDED], points)
         crowded = points._replace(confidence=crowding(points, self.fine))
         return surroundings(crowded, self.fine)
 
