@@ -11,6 +11,9 @@ A condition holds the points of 1 to 12 frames of a walk (`jradar-sim-6`), and i
 detector is drawn, too: all weak cells, as a capture card gives them, or the few points
 of a chip (`jradar.data.histories`). Views of ColoRadar's real radar maps add real
 ghosts and gaps.
+
+Training on costs single dense frames 3 points. The mean of both networks, 0.4 of what it
+starts from and 0.6 of what it ends with, costs none.
 """
 
 from experiments.configs import marginal
@@ -21,5 +24,7 @@ def get_config():
     config.data.set = "jradar-sim-6"
     config.image.channels = ("presence", "range", "power", "age", "count")
     config.history.update(frames=12, sparse=0.5, drift=0.5)
-    config.train.update(steps=3000, learning_rate=4e-4)
+    config.train.update(learning_rate=4e-4)
+    config.stages = ({"train": {"steps": 0}}, {"train": {"steps": 3000}})
+    config.average = (0.4, 0.6)
     return config
