@@ -100,6 +100,14 @@ def test_models_of_samples_are_refused(walk, tmp_path):
         score(walk, models=[tmp_path / "plane"])
 
 
+def test_splat_is_many_points_around_those_of_the_radar(found):
+    for named in found.clouds.values():
+        radar, splat = (named[name][:, :3] for name in ("radar points", "splat"))
+        assert len(splat) > 3 * len(radar)
+        apart = np.linalg.norm(splat[:, None] - radar[None], axis=-1).min(1)
+        assert 0.05 < np.median(apart) < 0.5
+
+
 def test_in_a_view_of_60_m_points_are_right_within_1_m(walk, tmp_path):
     fine = dataclasses.replace(SPEC.grid.fine, max_range_m=60.0)
     coarse = dataclasses.replace(SPEC.grid.coarse, max_range_m=60.0)

@@ -84,6 +84,11 @@ def test_padding_adds_points_that_are_not_valid():
         points(70_000).padded()
 
 
+def test_a_cloud_of_one_of_the_sizes_is_not_padded():
+    for count in (1024, 4096):
+        assert points(count).padded().valid.shape == (count,)
+
+
 def test_the_share_of_points_out_of_view_is_said():
     near, far = points(30), points(30)
     far = far._replace(xyz=far.xyz * 20)

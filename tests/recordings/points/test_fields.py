@@ -1,9 +1,15 @@
 """Layouts of columns: units that follow from the values."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from jradar.recordings.points.fields import Layout
+from jradar.lidar import transform
+from jradar.recordings import Stream
+from jradar.recordings.points.fields import FORWARD, Layout
+from jradar.recordings.points.frames import points_recording
 
 POLAR = {"range": "r", "azimuth": "a", "elevation": "e"}
 PLACE = {"x": "x", "y": "y", "z": "z"}
@@ -46,3 +52,24 @@ def test_velocities_of_what_comes_nearer_are_negative():
     for approaching in (False, True):
         found = layout(fields, frame, forward="x", approaching=approaching)
         assert found.cloud(frame).velocity[0] == (-2.0 if approaching else 2.0)
+
+
+@pytest.mark.parametrize("forward", FORWARD)
+def test_a_mount_of_the_files_axes_is_one_of_jradars(forward):
+    rng = np.random.default_rng(0)
+    frame = columns(**dict(zip("xyz", rng.uniform(1, 5, (3, 40)), strict=True)))
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix()
+    mount[:3, 3] = 0.1, 0.2, 0.3
+    found = points_recording(
+        Path("walk"),
+        Stream([frame].__getitem__, 1),
+        forward=forward,
+        base_from_radar=mount,
+    )
+    in_file = np.stack([*frame.values()], -1)
+    np.testing.assert_allclose(
+        transform(found.base_from_radar, np.asarray(found.points[0].xyz)),
+        transform(mount, in_file),
+        atol=1e-5,
+    )

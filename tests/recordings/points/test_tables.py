@@ -8,6 +8,7 @@ import pytest
 from jradar import PointCloud
 from jradar.errors import UsageError
 from jradar.recordings import holds_points, is_recording, open_recording
+from jradar.recordings.points.frames import static_fits
 
 RNG = np.random.default_rng(0)
 XYZ = RNG.uniform((2, -3, -1), (8, 3, 1), (30, 3)).astype(np.float32)
@@ -146,6 +147,13 @@ def test_velocities_of_the_other_sign_are_noticed(tmp_path):
         np.savez(tmp_path / "a.npz", xyz=XYZ, velocity=sign * velocity)
         notes = " ".join(open_recording(tmp_path / "a.npz").notes)
         assert ("backwards at 3.0 m/s" in notes) == noticed
+    strange = np.random.default_rng(0).uniform(-9, 9, len(XYZ))
+    some = np.arange(len(XYZ)) % 5 < 2  # what a static world explains
+    np.savez(tmp_path / "a.npz", xyz=XYZ, velocity=np.where(some, velocity, strange))
+    recording = open_recording(tmp_path / "a.npz")
+    share, _, forward = static_fits([*recording.points]) or (0, 0, 0)
+    assert forward < -2 and 0.3 < share < 0.5
+    assert "backwards" not in " ".join(recording.notes)
 
 
 def test_damaged_files_are_a_clear_error(tmp_path):

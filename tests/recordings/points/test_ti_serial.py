@@ -1,12 +1,14 @@
 """TI's serial stream: torn anywhere, short of bytes, old and new, saved or arriving."""
 
+import struct
+
 import numpy as np
 import pytest
 
 from jradar.errors import UsageError
 from jradar.recordings import is_recording, open_recording
 from jradar.recordings.points.ti_stream import Parser, packet_points
-from tests.recordings.points.ti_writer import old_packet, packet
+from tests.recordings.points.ti_writer import MAGIC, old_packet, packet
 
 FRAMES = [[(0.5 * k, 2.0 + k, 0.1, -0.25 * k)] * (k % 4) for k in range(12)]
 
@@ -64,6 +66,13 @@ def test_noise_alone_is_never_kept():
     for _ in range(50):
         assert not parser.feed(bytes(range(256)) * 4)
     assert len(parser._bytes) < 8 and len(parser._stamps) == 1
+
+
+def test_a_size_that_no_packet_has_is_not_waited_for():
+    parser = Parser()
+    words = 0x03060000, 1 << 30, 0xA6843, 7, 0, 1, 1, 0
+    assert not parser.feed(MAGIC + struct.pack("<8I", *words) + bytes(1000))
+    assert len(parser._bytes) < 8 and parser.lost_bytes > 1000
 
 
 def test_a_packet_may_lack_its_last_byte():
