@@ -12,8 +12,8 @@ detector is drawn, too: all weak cells, as a capture card gives them, or the few
 of a chip (`jradar.data.histories`). Views of ColoRadar's real radar maps add real
 ghosts and gaps.
 
-Training on costs single dense frames 3 points. The mean of both networks, 0.4 of what it
-starts from and 0.6 of what it ends with, costs none.
+Training on costs single dense frames 3 points. The mean of both networks, 0.4 of what
+it starts from and 0.6 of what it ends with, costs none.
 """
 
 from experiments.configs import marginal

@@ -187,6 +187,10 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
     """Fine-tune a model on the records of your own rig."""
     from jradar.training import FinetuneSpec, finetune as tune
 
+    of_old = given(options, "forget", "replay_share", "replay_records")
+    if options.own_view and of_old:
+        name = "--" + next(iter(of_old)).replace("_", "-")
+        raise UsageError(f"{name}: --own-view leaves old places behind, give only one")
     try:
         chosen = given(options, "steps", "learning_rate", "forget")
         if options.replay_share is not None:

@@ -339,7 +339,7 @@ def _finetune(sub):
     groups.option(sub, "--replay-share", "P", text, type=values.share)
     text = "records of old frames (default: simulated ones, made in three minutes)"
     groups.option(sub, "--replay-records", "FOLDER", text)
-    text = "take the field of view of the records, such as 60 m; distances grow with it"
+    text = "take the view of the records, such as 60 m, and leave old places behind"
     groups.flag(sub, "--own-view", text)
     groups.seed(sub, "random seed of the batches")
 

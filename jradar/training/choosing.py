@@ -30,7 +30,7 @@ class Scores(NamedTuple):
     """Mean scores of own validation frames, and of old frames that were held out."""
 
     own: dict[str, float]
-    old: dict[str, float]
+    old: dict[str, float]  # empty without old frames
 
 
 class Kept(NamedTuple):
@@ -61,7 +61,8 @@ def kept_change(
         params = _between(start.params, tuned, share)
         model = dataclasses.replace(start, params=params)
         scores = both_scores(model, checked, old)
-        if before.old[SCORE] - scores.old[SCORE] > forget / 100:
+        forgotten = before.old.get(SCORE, 0) - scores.old.get(SCORE, 0)
+        if forgotten > forget / 100:
             most = share
             continue
         kept = Kept(model, share, scores)
@@ -74,6 +75,8 @@ def kept_change(
 def both_scores(model: Model, checked: Sequence[PreparedFrame], old: Old) -> Scores:
     """Return the scores of a model on own validation frames, and on old ones."""
     own = frame_scores(model, checked, count=JUDGED)
+    if not len(old.checked):
+        return Scores(own, {})
     return Scores(own, frame_scores(model, old.checked, count=JUDGED_OLD))
 
 

@@ -29,6 +29,7 @@ from jradar.files import lock_folder, read_json, write_text
 from jradar.lidar import LidarSpec
 from jradar.model import Card, Model, load_model, save_model
 from jradar.range_image import VIEW
+from jradar.recordings import Stream
 from jradar.training.choosing import (
     SCORE,
     Kept,
@@ -41,13 +42,7 @@ from jradar.training.logs import write_model_card
 from jradar.training.loop import train
 from jradar.training.losses import LOSSES
 from jradar.training.optimiser import clipped_adamw
-from jradar.training.replay import (
-    Old,
-    batches_of,
-    grown,
-    halves,
-    simulate_replay,
-)
+from jradar.training.replay import Old, batches_of, halves, simulate_replay
 from jradar.training.step import make_train_step, state_of
 from jradar.viz import learning_curve_figure, save_figure
 
@@ -55,6 +50,7 @@ RUN = "finetune.json"  # what is fine-tuned, and how
 BEST = "best.json"  # of the evaluations so far
 BEFORE = "before.json"  # scores of the model as it was
 EVALUATIONS = 8
+NOTHING = Stream([].__getitem__, 0)
 STEPS = 100, 1, 3000  # at least, for each own frame, and at most
 
 
@@ -67,7 +63,7 @@ class FinetuneSpec:
     batch_size: int = 8
     replay: float = 0.25  # share of old frames in a batch
     forget: float = 1.0  # most points of the F-score that old frames may lose
-    own_view: bool = False  # of the records, in place of the model's; distances scale
+    own_view: bool = False  # take that of the records, without old frames
     seed: int = 0
 
     def __post_init__(self):
@@ -101,17 +97,22 @@ class Finetuned(NamedTuple):
 
     def describe(self) -> dict[str, Any]:
         """Return frames, steps and scores, as tables."""
-        return {
+        found = {
             "frames": self.frames,
             "steps": self.steps,
             "best step": self.best_step,
             "share of the change kept": self.share,
             "validation before": _rounded(self.before.own),
             "validation after": _rounded(self.after.own),
-            "old places before": _rounded(self.before.old),
-            "old places after": _rounded(self.after.old),
-            "purpose": self.model.card.purpose,
-        }
+        } | (
+            {
+                "old places before": _rounded(self.before.old),
+                "old places after": _rounded(self.after.old),
+            }
+            if self.frames["old"]
+            else {}
+        )
+        return found | {"purpose": self.model.card.purpose}
 
 
 def finetune(
@@ -125,7 +126,8 @@ def finetune(
     """Fine-tune a model on the train split of records, and write it into a folder.
 
     With `own_view`, the model takes the field of view of the records. What it knows of
-    12 m, it then knows of their largest range, and so old frames grow with it.
+    12 m, it then knows of their largest range. It leaves the old places behind, so that
+    no old frames are replayed.
 
     `replay` are records of old frames; those of every other sequence are held out. By
     default, two processes simulate some, so that a script calls this under
@@ -135,8 +137,10 @@ def finetune(
     """
     folder = Path(folder)
     _check_contents(folder)  # before a lock is left there
-    known = start = load_model(model)
+    start = load_model(model)
     pairs_of(start.spec, [])  # refuses a model that sees no points
+    if spec.own_view and replay is not None:
+        raise UsageError(f"{replay=}: a model in its own view replays no old frames")
     own, checked = _split(records, "train"), _split(records, "validation")
     if spec.own_view:
         start = in_view_of(start, own)
@@ -150,12 +154,10 @@ def finetune(
             **dataclasses.asdict(spec),
         }
         _check_run(folder / RUN, run)
-        if replay is None:
-            replay = simulate_replay(folder / "replay", own, known.spec.frame_grid.view)
-        old = halves(Records(replay, "train"))
-        if spec.own_view:
-            near_m, before_m = (m.spec.frame_grid.near_m for m in (start, known))
-            old = grown(old, near_m / before_m)
+        old = Old(NOTHING, NOTHING)
+        if not spec.own_view:
+            replay = replay or simulate_replay(folder / "replay", own)
+            old = halves(Records(replay, "train"))
         return _trained(folder, start, own, checked, old, spec, str(model))
 
 
@@ -198,7 +200,8 @@ def _trained(folder, start, own, checked, old, spec, name):
     found = dataclasses.replace(kept.model, card=card).with_tables(trust=trust)
     key = jax.random.fold_in(jax.random.key(spec.seed), 1)
     # Fitted to one place alone, points elsewhere would seem as sure as there.
-    found = with_confidence(key, found, checked, old.checked)
+    known = [frames for frames in (checked, old.checked) if len(frames)]
+    found = with_confidence(key, found, *known)
     save_model(folder / "model", found)
     write_model_card(
         folder,
@@ -245,7 +248,7 @@ def _train(folder, start, own, checked, old, spec):
             own,
             old.replayed,
             batch_size=spec.batch_size,
-            replay=spec.replay,
+            replay=spec.replay if len(old.replayed) else 0.0,
             seed=spec.seed,
         ),
         steps=steps,

@@ -17,11 +17,10 @@ import numpy as np
 
 from jradar import data, simulation
 from jradar.data import Batch, PreparedFrame, PrepareSpec, Records, pairs_of
-from jradar.data.augment import moved
 from jradar.evaluation import spread
 from jradar.fields import typed_fields
 from jradar.model import Model, ViewGrid
-from jradar.range_image import VIEW, ImageSpec, pattern_reach
+from jradar.range_image import pattern_reach
 from jradar.recordings.recording import Stream
 from jradar.training.targets import pair_batches
 
@@ -40,11 +39,8 @@ OLD = data.AugmentSpec(
 )
 
 
-def simulate_replay(folder: Path | str, own: Records, view: ImageSpec) -> Path:
-    """Return records of simulated places in a view, prepared as one's own.
-
-    They are made once.
-    """
+def simulate_replay(folder: Path | str, own: Records) -> Path:
+    """Return records of simulated places, prepared as one's own; made once."""
     records = Path(folder) / "records"
     try:
         return Records(records, "train").folder
@@ -54,8 +50,6 @@ def simulate_replay(folder: Path | str, own: Records, view: ImageSpec) -> Path:
     drawn = simulation.drawn_sources(REPLAYED)
     places = [s for s in drawn if s.split == "train" and s.number < UNITS]
     spec = PrepareSpec(**typed_fields(PrepareSpec, own.manifest["options"]))
-    seen = {name: getattr(view, name) for name in VIEW}
-    spec = dataclasses.replace(spec, lidar=dataclasses.replace(spec.lidar, **seen))
     data.prepare_sources(places, records, spec, frames=OF_A_UNIT, workers=2)
     return records
 
@@ -78,16 +72,6 @@ def halves(records: Records) -> Old:
         index[order[name] % 2].append(i)
     even, odd = index
     return Old(*(_subset(records, some) for some in (even, odd or even)))
-
-
-def grown(old: Old, factor: float) -> Old:
-    """Return the frames with all distances multiplied by a factor."""
-
-    def scaled(frames):
-        matrix = factor * np.eye(3)
-        return Stream(lambda k: moved(frames[k], matrix), len(frames))
-
-    return Old(*map(scaled, old))
 
 
 def _subset(records: Records, index: list[int]) -> Stream:

@@ -146,6 +146,28 @@ def test_in_a_view_five_times_as_large_a_model_draws_what_is_five_times_as_far(
     np.testing.assert_allclose(away.confidence, near.confidence, atol=1e-3)
 
 
+@pytest.mark.slow
+def test_in_a_view_of_its_own_a_model_learns_without_old_frames(start, tmp_path):
+    lidar = LidarSpec(**VIEW | {"max_range_m": 20.0})
+    for seed, name in enumerate("ab"):
+        write_astyx(tmp_path / f"{name}.npz", [("wall", "pillar")] * 2, seed=seed)
+    walks = [tmp_path / f"{name}.npz" for name in "ab"]
+    splits = {"b": "validation"}
+    prepare(walks, tmp_path / "far", PrepareSpec(lidar=lidar), workers=1, splits=splits)
+    with pytest.raises(UsageError, match="max_range_m.*--own-view"):
+        finetune(tmp_path / "far", tmp_path / "mine", model=start, spec=QUICK)
+    spec = dataclasses.replace(QUICK, own_view=True)
+    with pytest.raises(UsageError, match="replays no old frames"):
+        options = {"model": start, "spec": spec, "replay": tmp_path}
+        finetune(tmp_path / "far", tmp_path / "mine", **options)
+    found = finetune(tmp_path / "far", tmp_path / "mine", model=start, spec=spec)
+    assert found.after.own[SCORE] > found.before.own[SCORE] and not found.after.old
+    assert found.share == 1 and "old places before" not in found.describe()
+    assert load_model(tmp_path / "mine").spec.frame_grid.view.max_range_m == 20
+    again = finetune(tmp_path / "far", tmp_path / "mine", model=start, spec=spec)
+    assert again.after == found.after
+
+
 def test_old_frames_are_held_out_by_sequence(tmp_path):
     source, folder = tmp_path / "source", tmp_path / "records"
     frames = {"a": 1, "b": 2, "c": 3, "d": 1}
@@ -170,7 +192,7 @@ def test_old_places_are_simulated_once_and_said_before(
 
     monkeypatch.setattr(replay.data, "prepare_sources", prepare_sources)
     for _ in range(2):
-        found = replay.simulate_replay(tmp_path / "replay", own, ImageSpec(4, 4))
+        found = replay.simulate_replay(tmp_path / "replay", own)
         assert found == tmp_path / "replay" / "records"
     assert len(made) == 1 and len(set(made[0])) > 10
     (said,) = caplog.messages
