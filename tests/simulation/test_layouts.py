@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from jradar.simulation.scenes.layouts import make_scene
-from jradar.simulation.scenes.scene import cast, placements
+from jradar.simulation.scenes.scene import ROOM_M, cast, placements
+from jradar.simulation.scenes.solids import person
 from jradar.simulation.scenes.trajectory import pose_at
 from jradar.simulation.sets import SIX
+from tests.simulation.worlds import straight, wall, world
 
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
 
@@ -54,3 +56,19 @@ def test_a_seed_is_a_scene(family):
 def test_scenes_of_the_first_sets_stay_what_they_were():
     found = {family: digest(make_scene(family, 3)) for family in SIX}
     assert found == FIRST
+
+
+def test_nobody_walks_through_the_radar():
+    way = straight(1.0)._replace(speed_mps=-1.0)  # the same path, head on
+    scene, _ = world([wall(9.0, "metal")], movers=[(person(1.8), way)], speed_mps=1.0)
+    starts = np.zeros((1, 3)) + [0, 0, 1.2]
+    for time in np.linspace(-1.0, 1.0, 80):
+        (sensors, _), (plain, turn) = (pose_at(t, time) for t in (scene.platform, way))
+        place = placements(scene, time)[1]
+        if np.linalg.norm((plain - sensors)[:2]) >= ROOM_M:
+            np.testing.assert_array_equal(place.xyz, plain)
+        else:
+            assert place.xyz[2] < -900
+            hits = cast(scene, placements(scene, time), starts, np.array([[1.0, 0, 0]]))
+            assert hits.distance[0] == pytest.approx(9.0) and hits.body[0] == 0
+        np.testing.assert_array_equal(place.turn, turn)

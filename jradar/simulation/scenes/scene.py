@@ -18,6 +18,8 @@ from jradar.simulation.scenes.solids import Solid
 from jradar.simulation.scenes.trajectory import Trajectory, pose_at, velocity_at
 
 NUDGE_M = 1e-3  # by which a ray starts behind a surface
+ROOM_M = 0.6  # around the sensors' axis, into which nobody walks
+FAR_BELOW_M = 1000.0
 
 
 class Body(NamedTuple):
@@ -90,8 +92,12 @@ def make_body(
 
 
 def placements(scene: Scene, time_s: float) -> list[Placement]:
-    """Return the placement of every body at a time."""
+    """Return the placement of every body at a time.
+
+    A person who would walk through the sensors is out of sight, far below.
+    """
     still = Placement(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+    sensors, _ = pose_at(scene.platform, float(time_s))
     found = []
     for body in scene.bodies:
         if body.trajectory is None:
@@ -99,6 +105,8 @@ def placements(scene: Scene, time_s: float) -> list[Placement]:
             continue
         xyz, turn = pose_at(body.trajectory, float(time_s))
         moving = velocity_at(body.trajectory, float(time_s))
+        if np.linalg.norm((xyz - sensors)[:2]) < ROOM_M:
+            xyz = xyz - [0.0, 0.0, FAR_BELOW_M]
         found.append(Placement(xyz, turn, *moving))
     return found
 
