@@ -243,6 +243,7 @@ NOT_RUN = {  # and why
     "-m experiments.studies.map_views": "half an hour; needs ColoRadar's maps",
     "-m experiments.studies.real_points": "needs a walk of points with poses",
     "-o records_astyx": "needs Astyx's frames",
+    "finetune records_astyx": "needs those records",
     "-o scores_astyx": "needs those records",
     "--config.data.path=runs/views": "needs those views",
     "--split test --model jradar-sim": "needs that set",
