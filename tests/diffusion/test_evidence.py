@@ -12,6 +12,9 @@ from jradar.range_code import decode_range
 from tests.diffusion.networks import apply, random_params
 
 VIEW = {"azimuth": (-1.0, 1.0), "elevation": (-0.4, 0.4), "max_range_m": 8.0}
+# Smeared by 8 m / 60 at 5 m, of which a pixel is 0.33 by 0.42 m.
+SEEN = VIEW | {"azimuth": (-2 / 3, 2 / 3), "elevation": (-0.8 / 3, 0.8 / 3)}
+WIDE_M, ROW_M, COLUMN_M = 8 / 60, 5.0 * 0.2 / 3, 5.0 * 0.25 / 3
 FIELDS = {"channels": 8, "multipliers": (1,), "attention_levels": (), "blocks": 1}
 FIELDS |= {"stem": (4, 8), "condition_stem": (2, 2), "outputs": 14}
 NOISE = diffusion.NoiseSpec(prediction=diffusion.PREDICTIONS["mixture"])
@@ -32,12 +35,13 @@ def first_params():
     return jax.jit(NETWORK.init)(jax.random.key(0), *ARGS)
 
 
-def test_a_point_is_smeared_by_a_fifth_of_a_metre_at_its_range():
-    parts = np.split(np.asarray(smear(one_point(), **VIEW))[0], 3, -1)
+def test_a_point_is_smeared_by_a_sixtieth_of_the_view_at_its_range():
+    parts = np.split(np.asarray(smear(one_point(), **SEEN))[0], 3, -1)
     count, place, power = (part[..., 2] for part in parts)
     row, column = np.ogrid[:8, :16]
-    away_m = 5.0 * np.hypot(0.1 * (row - 4), 0.125 * (column - 8))
-    np.testing.assert_allclose(count, np.exp(-((away_m / 0.2) ** 2) / 2), atol=1e-5)
+    away_m = np.hypot(ROW_M * (row - 4), COLUMN_M * (column - 8))
+    expected = np.exp(-((away_m / WIDE_M) ** 2) / 2)
+    np.testing.assert_allclose(count, expected, atol=1e-5)
     reached = count > 1e-3
     assert 3 < reached.sum() < 20
     np.testing.assert_allclose(place[reached], 0.5, rtol=1e-4)
@@ -47,8 +51,8 @@ def test_a_point_is_smeared_by_a_fifth_of_a_metre_at_its_range():
 
 def test_points_in_one_reach_give_their_mean():
     both = one_point(column=7, offset=-0.5, power=0.1) + one_point(column=8)
-    count, place, power = np.split(np.asarray(smear(both, **VIEW))[0], 3, -1)
-    near = np.exp(-((5.0 * 0.125 / 0.2) ** 2) / 2)
+    count, place, power = np.split(np.asarray(smear(both, **SEEN))[0], 3, -1)
+    near = np.exp(-((COLUMN_M / WIDE_M) ** 2) / 2)
     assert count[4, 8, 2] == pytest.approx(1 + near, rel=1e-5)
     assert place[4, 8, 2] == pytest.approx((0.5 - 0.5 * near) / (1 + near), rel=1e-4)
 
