@@ -19,16 +19,12 @@ from benchmarks.harness import Call, Case, available, random_params
 from jradar.diffusion import PRESETS, UNet
 from jradar.diffusion.mixture import RangeMixture
 from jradar.model import compiler_options, load_model
-from jradar.model.grids.view.answers import (
-    SIDE_STEPS,
-    TRIED,
-    WINDOW_M,
-    likeliest_range,
-)
+from jradar.model.grids.view.answers import SIDE_STEPS, TRIED, likeliest_range
 
 BATCH, FINE, COARSE = 2, (64, 256, 2), (32, 32, 8)
 COMPONENTS = 5  # of a mixture of `jradar-sim`
 FARTHEST_M = 12.0  # of images of the paper's size
+WINDOW_M = 0.2  # what is near in that view
 
 
 def cases() -> Iterator[Case]:
