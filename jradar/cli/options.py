@@ -329,8 +329,7 @@ def _finetune(sub):
     sub.add_argument("records", metavar="RECORDS", help="folder of `jradar prepare`")
     groups.output(sub, "folder of the run, which --model takes", force=False)
     groups.model(sub)
-    text = "steps of training (default: by the number of frames)"
-    groups.count(sub, "--steps", text)
+    groups.count(sub, "--steps", "steps of training (default: by the number of frames)")
     text = "peak of the learning rate (default: 3e-4)"
     groups.option(sub, "--learning-rate", "RATE", text, type=values.positive)
     text = "points of the F-score that old places may lose (default: 1)"
@@ -339,8 +338,7 @@ def _finetune(sub):
     groups.option(sub, "--replay-share", "P", text, type=values.share)
     text = "records of old frames (default: simulated ones, made in three minutes)"
     groups.option(sub, "--replay-records", "FOLDER", text)
-    text = "take the view of the records, such as 60 m, and leave old places behind"
-    groups.flag(sub, "--own-view", text)
+    groups.flag(sub, "--own-view", "take the records' view, leave old places behind")
     groups.seed(sub, "random seed of the batches")
 
 

@@ -35,7 +35,6 @@ from jradar.evaluation.detectors import (
 from jradar.evaluation.methods import Method, Truth, ring_edges, score_rings
 from jradar.evaluation.records import (
     TRUTH,
-    VIEW,
     RecordsInView,
     check_view,
     drawn,
@@ -52,6 +51,7 @@ from jradar.options.protocols import PAPER
 from jradar.pipeline import Pipeline, of_model
 from jradar.pipeline.warnings import InView
 from jradar.radar.angle.spectrum import azimuth_bins
+from jradar.range_image import VIEW
 from jradar.recordings import Recording
 from jradar.types import PointCloud
 

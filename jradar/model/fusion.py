@@ -169,8 +169,8 @@ def fuse(
     candidates += [decode_range(centres[..., k], **view) for k in range(2)]
 
     best, most = _likeliest(jnp.stack(candidates), probability)
-    beside = jnp.stack([best, *(best + step * grid.fine.near_m for step in SIDE_STEPS)])
-    best, most = _likeliest(beside, probability)
+    sides = [best + step * grid.fine.near_m for step in SIDE_STEPS]
+    best, most = _likeliest(jnp.stack([best, *sides]), probability)
     table = model.tables.confidence
     most = frequency(most, table)
     least = table.least if least_confidence is None else least_confidence
