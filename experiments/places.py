@@ -22,13 +22,13 @@ import numpy as np
 from experiments import build
 from experiments.configs import marginal
 from experiments.radarhd.pairs import PolarPair, write_pair
-from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
 from jradar.model.grids.polar import lidar_image, polar_image
 from jradar.progress import progress
 from jradar.radar import PointSpec, calibrate, radar_points
 from jradar.recordings import nearest_scan
 from jradar.simulation.drawn import DRAWN, DrawnSource, row_sources
+from jradar.workers import run_jobs
 
 ROW = "jradar-sim-5-row"
 COMPLETE = "complete"  # folder of names of sources

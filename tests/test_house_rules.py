@@ -17,7 +17,7 @@ from tests.programs import finished
 PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
 FLOORS = (
-    *("errors compiled", "types range_code nearest fields files progress"),
+    *("errors compiled", "types range_code nearest fields files progress workers"),
     *("options", "radar range_image lidar diffusion metrics", "recordings model"),
     *("motion simulation viz", "calibration data pipeline"),
     *("outputs", "evaluation mapping", "training stream export", "cli"),

@@ -6,7 +6,8 @@ A moving radar sees each surface in many frames. What at least two other frames 
 the view of one, in voxels of 0.15 m, is its truth: a ghost that a frame sees alone is
 not. So walks with poses show how much of the present a cloud has right. Frames whose
 points are in the cloud are not asked. Rows are the radar's own points, `splat`, which
-smears them, and the models, each with the points of the last seconds.
+smears them, and the models, each with the points of the last seconds. clouds.png shows
+the frame in the middle with the points of ten, and F-scores within 0.2 m.
 """
 
 import sys
@@ -33,6 +34,8 @@ from jradar.pipeline import enhance_recording, frame_times
 from jradar.progress import progress
 from jradar.range_image import ImageSpec
 from jradar.recordings import Recording
+from jradar.viz import save_figure
+from jradar.viz.results import clouds_figure
 
 VOXEL_M, LEAST = 0.15, 2  # frames that must have hit a voxel
 FRAMES = (1, 5, 10)  # joined
@@ -52,14 +55,17 @@ def study(options: Namespace) -> None:
     """Score each model with each number of frames."""
     recording = open_recording(options.path)
     voxels = hits(recording)
-    rows = []
+    rows, drawn = [], {}
     names = options.model or ["jradar-sim"]
     for name in names:
         for count in FRAMES:
-            found = scores(recording, voxels, name, count, every=options.every)
+            found = scores(recording, voxels, name, count, drawn, every=options.every)
             rows += (r for r in found if name == names[0] or r["method"] == name)
     write_scores(options.output / "frames.jsonl", rows)
     write_tables(options.output / "frames.jsonl")
+    if drawn:
+        figure = clouds_figure({f"{FRAMES[-1]} frames": drawn})
+        save_figure(figure, options.output / "clouds.png")
 
 
 def hits(recording: Recording) -> Float[np.ndarray, "hit 4"]:
@@ -84,10 +90,14 @@ def scores(
     voxels: Float[np.ndarray, "hit 4"],
     name: str,
     count: int,
+    drawn: dict[str, Float[np.ndarray, "point 3"]],
     *,
     every: int,
 ) -> Iterator[dict]:
-    """Yield a row for each frame and method, with the points of `count` frames."""
+    """Yield a row for each frame and method, with the points of `count` frames.
+
+    `drawn` gets the clouds of the frame that is shown.
+    """
     model, times = load_model(name), frame_times(recording)
     assert times is not None  # `hits` has made sure
     poses, view = _poses(recording, times), model.spec.frame_grid.view
@@ -95,6 +105,7 @@ def scores(
     history = {"history_s": (count - 0.5) * step_s} if count > 1 else {}
     found = enhance_recording(recording, model, **history)
     title = f"{count} frame{'s' if count > 1 else ''}"
+    shown = len(recording.frames) // 2 // every * every
     with progress(f"{name}, {title}", len(found.frames), unit="frames") as show:
         for frame in found:
             show(frame.number + 1)
@@ -109,6 +120,10 @@ def scores(
                 name: points_of(frame.cloud),
             }
             for method, xyz in clouds.items():
+                scored = score_points(xyz, truth)
+                if frame.number == shown and count == FRAMES[-1]:
+                    drawn[f"{method}: {scored['f_score_0.2']:.0%}"] = xyz
+                    drawn["other frames"] = drawn.pop("other frames", truth)  # last
                 yield {
                     "scene": title,
                     "sequence": recording.name,
@@ -118,7 +133,7 @@ def scores(
                     "points": len(xyz),
                     "truth_points": len(truth),
                     "milliseconds": float("nan"),
-                    **score_points(xyz, truth),
+                    **scored,
                 }
 
 

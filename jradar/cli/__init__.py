@@ -15,10 +15,11 @@ from collections.abc import Sequence
 
 from jradar.cli.options import parser
 from jradar.cli.paths import check_paths
-from jradar.cli.printing import as_json, lines, say
+from jradar.cli.printing import as_json, in_words, lines, say
+from jradar.cli.several import begins_several, run
 from jradar.cli.verbosity import LOG, speaking
 from jradar.errors import check_platform, exit_code, sigterm_raises
-from jradar.files import DISK_FULL, use_compilation_cache
+from jradar.files import use_compilation_cache
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,27 +35,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             warnings.showwarning = lambda text, *_, **__: LOG.warning(
                 f"warning: {text}"
             )
+            several = begins_several(options)
             check_paths(options)
             check_platform()
-            result = options.command(options)
+            result = run(options) if several else options.command(options)
         text = as_json(result) if options.json else "\n".join(lines(result))
         print(text, flush=True)
+        return getattr(result, "code", 0)
     except BrokenPipeError:  # the reader of stdout has seen enough, such as `head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (Exception, KeyboardInterrupt) as error:
         code = exit_code(error)
         if code is None:
             raise
-        say(_in_words(error))
+        say(in_words(error))
         return code
     return 0
-
-
-def _in_words(error: BaseException) -> str:
-    """Return the text of an error; errors of the system begin with their file."""
-    if isinstance(error, OSError) and error.errno and error.filename:
-        reason = "disk full" if error.errno in DISK_FULL else error.strerror
-        return f"{error.filename}: {reason}"
-    if isinstance(error, KeyboardInterrupt) and not str(error):
-        return "interrupted"
-    return str(error) or type(error).__name__

@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import functools
+import os
 import typing
 from typing import Any
 
@@ -47,6 +48,14 @@ def count(
     option(
         sub, name, "N", text, type=functools.partial(values.whole, 1, most), **options
     )
+
+
+def workers(sub: Options) -> None:
+    """Add where the jobs of several recordings run."""
+    text = "processes on this machine (default: its CPU cores, %(default)s)"
+    count(sub, "--workers", text, default=os.cpu_count() or 1)
+    text = "run on the Dask cluster at this address instead"
+    option(sub, "--scheduler", "ADDRESS", text)
 
 
 def recording(sub: Options) -> None:

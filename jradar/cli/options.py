@@ -5,160 +5,75 @@ text shows its value, which a test compares.
 """
 
 import argparse
-import os
 from collections.abc import Callable
 
 from jradar import __version__
-from jradar.cli import commands, frames, groups, streaming, values
+from jradar.cli import commands, frames, groups, streaming, texts, values
 from jradar.cli.printing import Parser
 from jradar.options.models import DEFAULT_OF_MAPS
 from jradar.options.protocols import PAPER, PROTOCOLS
 from jradar.options.recordings import ROTATIONS, SENSORS, SPLITS
 from jradar.options.scenes import FAMILIES, SETS
 
-RECORDING_HELP = """\
-PATH is a recording:
-
-  cube.npy        complex samples; --radar names a TOML file that describes the
-                  radar and the axes of the cube
-  adc_data.bin    a capture of TI's DCA1000; --radar names the script (.lua) or log of
-                  mmWave Studio, the .cfg of the mmWave SDK or a TOML file
-  walk.mcap       a file of jradar record, which describes its radar
-  points          that a radar sends: a ROS bag, a serial stream of TI's demo (.dat),
-                  .ply, .pcd, .csv, .npz or a folder of them; what needs samples says so
-  a folder        with a capture.toml, or a ColoRadar sequence such as
-                  12_21_2020_ec_hallways_run0; --radar names its calib folder if
-                  that is not inside, next to or above the sequence
-
-Without --radar, jradar looks for the description next to the recording."""
-FILES_HELP = """
-
-PATH can also be a bag (.bag, .mcap, .db3 or a ROS 2 folder) or a point cloud (.ply,
-.pcd, or a .bin of KITTI or of ColoRadar's LiDAR). It can be a radar's configuration
-(.cfg, .toml, a .lua, log or .json of mmWave Studio), too: then jradar prints what the
-radar measures, and whether its board can run it."""
-PREPARE_HELP = """
-
-PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same
-command again to resume after an interruption."""
-LIVE_HELP = """
-
-The board runs the .cfg that --radar names; the DCA1000 sends its samples here, and the
-newest frame becomes a cloud. Ctrl-C ends the session. A radar that sends points needs
-no card: with --points they come over the board's second serial port. Without a radar,
---replay plays a recording: samples through an emulated card, points as they are.
-jradar/stream/README.md describes the wiring and the network."""
-RECORD_HELP = """
-
-walk.mcap is one file with the samples, the time at which each frame came, its lost
-bytes, and the radar: every command reads it without --radar. A folder holds the same in
-several files. If you recorded a LiDAR at the same time, add its tables to the folder's
-capture.toml. Ctrl-C ends the recording. A recording that was killed is readable, too.
-The other options are those of `jradar live`, which also saves the points of a radar
-that sends no samples: jradar live --points PORT --model none -o walk.ros2"""
-REPLAY_HELP = """
-
-The emulated card answers commands on --card and sends to --host. A program starts it,
-such as jradar live --radar FILE --host 127.0.0.1 --card 127.0.0.2. If a program stops
-it, it waits for the next START. It ends with the recording, or by Ctrl-C."""
-CALIBRATE_HELP = """
-
-FILE describes the same radar with its channels' factors: pass it as --radar, or name it
-in a capture.toml. Record many single objects at several ranges and angles, while the
-radar moves, or one corner reflector. Echoes alone do not show the rotation and the tilt
-of the whole array. A reflector shows both. --level finds the tilt from a walk straight
-ahead over level ground."""
-ODOMETRY_HELP = """
-
-Doppler gives the radar's own velocity in each frame. FILE holds the poses of the
-base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each frame. If
-the recording has poses, the trajectory is compared with them: APE (positions, aligned
-without scale) and RPE (from frame to frame), as evo defines them. A radar's points need
-a Doppler velocity."""
-MAP_HELP = """
-
-Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
-that a LiDAR would have made, with the confidence of each voxel; radar_map.ply, the
-radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a picture."""
-FINETUNE_HELP = """\
-RECORDS hold a train and a validation split: see --validation of `jradar prepare`.
-The same command resumes a run that was stopped. `--model DIR` then uses the model."""
-SCORE_HELP = """
-
-PATH can also be a folder of recordings, or one folder of `jradar prepare`. Its test
-frames are scored or, if there are none, its validation frames. The truth is the part of
-the LiDAR's points that the radar could have seen, as in training; recordings are also
-scored against all its points in view. Intervals hold 95 % and allow for frames that
-resemble each other."""
 OF_SAMPLES = (  # options of `jradar live` that a radar's points do not take
     *("host", "card", "command_port", "data_port", "packet_delay", "no_commands"),
     *("loss", "reorder", "duplicate", "iq_order", "remove_interference"),
 )
 PLANAR = ", or radarhd for a cloud in the plane of one row of antennas"
-COMPLETION = """\
-Completion of commands and options in a shell: pip install argcomplete, then
-eval "$(register-python-argcomplete jradar)"."""
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     text = "Dense point clouds from mmWave radar."
-    top = Parser(prog="jradar", description=text, epilog=COMPLETION)
+    top = Parser(prog="jradar", description=text, epilog=texts.COMPLETION)
     top.add_argument("--version", action="version", version=f"jradar {__version__}")
     kinds = top.add_subparsers(required=True, metavar="COMMAND")
-    _info(_command(kinds, commands.info, RECORDING_HELP + FILES_HELP))
-    _points(_command(kinds, frames.points, RECORDING_HELP))
-    _enhance(_command(kinds, frames.enhance, RECORDING_HELP))
-    _live(_command(kinds, streaming.live, more=LIVE_HELP))
-    _record(_command(kinds, streaming.record, more=RECORD_HELP))
-    _replay(_command(kinds, streaming.replay, RECORDING_HELP + REPLAY_HELP))
-    _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
-    _odometry(_command(kinds, commands.odometry, RECORDING_HELP + ODOMETRY_HELP))
-    _map(_command(kinds, commands.map_, RECORDING_HELP + MAP_HELP))
-    _prepare(
-        _command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP, several=True)
-    )
-    _finetune(_command(kinds, commands.finetune, more=FINETUNE_HELP))
-    _score(_command(kinds, commands.score, RECORDING_HELP + SCORE_HELP, several=True))
+    _info(_command(kinds, commands.info, texts.FILES, paths="each"))
+    _points(_command(kinds, frames.points, paths="each"))
+    _enhance(_command(kinds, frames.enhance, paths="each"))
+    _live(_command(kinds, streaming.live, texts.LIVE))
+    _record(_command(kinds, streaming.record, texts.RECORD))
+    _replay(_command(kinds, streaming.replay, texts.REPLAY, paths="one"))
+    _calibrate(_command(kinds, commands.calibrate, texts.CALIBRATE, paths="one"))
+    _odometry(_command(kinds, commands.odometry, texts.ODOMETRY, paths="each"))
+    _map(_command(kinds, commands.map_, texts.MAP, paths="each"))
+    _prepare(_command(kinds, commands.prepare, texts.PREPARE, paths="together"))
+    _finetune(_command(kinds, commands.finetune, texts.FINETUNE))
+    _score(_command(kinds, commands.score, texts.SCORE, paths="together"))
     _simulate(_command(kinds, commands.simulate))
     _view(_command(kinds, commands.view))
     _export(_command(kinds, commands.export))
     return top
 
 
-def _command(
-    kinds,
-    command: Callable,
-    path_help: str = "",
-    *,
-    more: str = "",
-    several: bool = False,
-):
-    """Return a command's parser; `path_help` describes its PATH, or `several` of them.
+def _command(kinds, command: Callable, more: str = "", *, paths: str = ""):
+    """Return a command's parser; `more` continues its help.
 
-    `more` is the description of a command without a PATH.
+    `paths` is "one" for a command of one recording, "each" for one that is run for each
+    of several, and "together" for one that takes several.
     """
     summary = (command.__doc__ or "").splitlines()[0]
+    parts = (texts.RECORDING if paths else "", more, texts.EACH * (paths == "each"))
+    described = "\n\n".join(part.strip() for part in (summary, *parts) if part)
     sub = kinds.add_parser(
         command.__name__.rstrip("_"),
         help=summary,
-        description=f"{summary}\n\n{path_help}{more.strip()}".strip(),
+        description=described,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    sub.set_defaults(command=command)
-    if path_help:
-        sub.add_argument(
-            "path",
-            metavar="PATH",
-            nargs="+" if several else None,
-            help="file or folder, see above",
-        )
+    sub.set_defaults(command=command, takes_several=paths == "each")
+    if paths:
+        number = None if paths == "one" else "+"
+        text = "file or folder, see above"
+        sub.add_argument("path", metavar="PATH", nargs=number, help=text)
     groups.flag(sub, "--json", "print the result as JSON")
     loudness = sub.add_mutually_exclusive_group()
     text = "print errors and the result alone"
     groups.flag(loudness, ("-q", "--quiet"), text)
     text = "print where each value came from, and how long it took"
     groups.flag(loudness, ("-v", "--verbose"), text)
+    if paths == "each":
+        groups.workers(sub)
     return sub
 
 
@@ -311,10 +226,7 @@ def _prepare(sub):
     text = "TOML file with the fields of jradar.data.PrepareSpec to change"
     groups.option(sub, "--spec", "FILE", text)
     groups.all_frames(sub, "frames of each sequence: A to B-1 (default: all)")
-    text = "processes on this machine (default: its CPU cores, %(default)s)"
-    groups.count(sub, "--workers", text, default=os.cpu_count() or 1)
-    text = "run on the Dask cluster at this address instead"
-    groups.option(sub, "--scheduler", "ADDRESS", text)
+    groups.workers(sub)
     groups.flag(sub, "--keep-going", "skip frames that cannot be read, and count them")
     text = "write only a picture of how the first of the frames is prepared"
     groups.flag(sub, "--preview", text)

@@ -33,9 +33,10 @@ def check_paths(options: argparse.Namespace) -> None:
     if (radar := inputs.get("radar")) and not os.path.lexists(radar):
         inputs["radar"] = re.sub(r"#\d+$", "", radar)  # a configuration of a log
     several = inputs.pop("path", [])
-    paths = [*(several if isinstance(several, list) else [several]), *inputs.values()]
-    for path in paths:
-        _check_input(path)
+    several = several if isinstance(several, list) else [several]
+    paths = [*several, *inputs.values()]
+    for path in inputs.values() if options.recordings else paths:
+        _check_input(path)  # each recording later, on its own
     models = getattr(options, "model", None) or []
     models = models if isinstance(models, list) else [models]
     for model in models:
@@ -56,12 +57,15 @@ def _check_input(path: str) -> None:
 
 def _check_suffix(path: Path, options: argparse.Namespace, folder: bool) -> None:
     """Raise UsageError for a name that promises something else than will be there."""
-    known = options.output_suffixes
-    if folder and path.suffix in OF_FILES and not path.is_dir():
+    several = len(options.recordings)
+    known = () if several else options.output_suffixes
+    named = (*OF_FILES, *((*STREAMS, *options.output_suffixes) if several else ()))
+    if folder and path.suffix in named and not path.is_dir():
         streams = f", or of a file of all frames: {', '.join(STREAMS)}"
+        why = f" for {several} recordings" if several else ""
         raise UsageError(
-            f"{path} is the name of a file, expected that of a folder"
-            f"{streams if options.output_may_stream else ''}"
+            f"{path} is the name of a file, expected that of a folder{why}"
+            f"{streams if options.output_may_stream and not several else ''}"
         )
     if known and path.suffix not in known:
         raise UsageError(f"{path}: expected a name that ends with {' or '.join(known)}")
@@ -86,8 +90,9 @@ def _check_writable(path: Path, folder: bool) -> None:
 
 def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
     path, force = Path(options.output), getattr(options, "force", False)
-    streamed = options.output_may_stream and is_streamed(options.output)
-    folder = options.output_is_folder and not streamed
+    several = bool(options.recordings)
+    streamed = options.output_may_stream and is_streamed(options.output) and not several
+    folder = several or (options.output_is_folder and not streamed)
     if path.is_symlink() and not path.exists():
         raise UsageError(f"{path} is a link to nothing, expected a new name")
     if path.exists() and not streamed and path.is_dir() != folder:
@@ -104,6 +109,8 @@ def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
             )
     _check_suffix(path, options, folder)
     _check_writable(path, folder)
+    if several:  # see `several.run`
+        return
     if folder:
         GuardedFolder(path, options.command.__name__.rstrip("_"), force=force)
     elif not streamed:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any, NoReturn
 
 from jradar.errors import printable
+from jradar.files import DISK_FULL
 
 SECONDS_SINCE_1970 = 1e8  # larger numbers are times
 SYMBOLS = {"m/s": "mps", "/": " per ", "%": " percent ", "'": ""}  # in keys of JSON
@@ -19,6 +20,16 @@ def say(text: str) -> None:
     """Print a line on stderr, with control characters escaped."""
     line = " ".join(text.split())
     sys.stderr.write(f"jradar: {printable(line)}\n")
+
+
+def in_words(error: BaseException) -> str:
+    """Return the text of an error; errors of the system begin with their file."""
+    if isinstance(error, OSError) and error.errno and error.filename:
+        reason = "disk full" if error.errno in DISK_FULL else error.strerror
+        return f"{error.filename}: {reason}"
+    if isinstance(error, KeyboardInterrupt) and not str(error):
+        return "interrupted"
+    return str(error) or type(error).__name__
 
 
 class Parser(argparse.ArgumentParser):

@@ -37,12 +37,12 @@ from jradar.data.frames import (
 from jradar.data.records import FORMAT, finished_shard, write_shard
 from jradar.data.sources import Source, find_sources
 from jradar.data.spec import PrepareSpec
-from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
 from jradar.files import lock_folder, read_json, remove_leftovers, write_text
 from jradar.progress import progress
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings.recording import Recording
+from jradar.workers import run_jobs
 
 COMPARED = ("radar", "options", "frames", "names")  # fields of the manifest
 OPTIONAL = ("other_radars",)  # compared, too, where there are any

@@ -66,3 +66,4 @@ def test_each_number_of_frames_is_scored(tmp_path):
     # A middle of a voxel is at most 0.13 m from a point in it.
     assert min(row["f_score_0.2"] for row in own) == 1
     assert "splat" in (out / "table.md").read_text()
+    assert (out / "clouds.png").stat().st_size > 10_000

@@ -16,6 +16,8 @@ from typing import Any, TypeVar
 
 from jradar.errors import optional
 
+PATIENCE_S = 10  # for a scheduler, and for its first worker
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -30,8 +32,9 @@ def run_jobs(
     """Yield each job with its result, in the order in which jobs end.
 
     One worker is this process. With `scheduler`, the address of a Dask cluster, that
-    cluster does the jobs. Raises the first error of a job, OSError if a process dies,
-    and ImportError without the extra `data` for a cluster.
+    cluster does the jobs; one whose worker dies is done by another. Raises the first
+    error of a job; OSError if a process of this machine dies, or for a cluster without
+    workers, or with those of another version; ImportError without the extra `data`.
     """
     if scheduler is None and workers == 1:
         for job in jobs:
@@ -84,5 +87,31 @@ def _begin() -> None:
 @contextlib.contextmanager
 def _cluster(scheduler: str) -> Iterator[Any]:
     distributed = optional("distributed", need="clusters need Dask", extra="data")
-    with distributed.Client(scheduler, timeout=10) as client:
+    try:
+        client = distributed.Client(scheduler, timeout=PATIENCE_S)
+    except (OSError, ValueError) as error:
+        raise OSError(
+            f"no Dask scheduler at {scheduler} ({error}): start one by `dask scheduler`"
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+        except TimeoutError as error:
+            raise OSError(
+                f"the Dask cluster at {scheduler} has no workers: start some by "
+                f"`dask worker {scheduler}`"
+            ) from error
+        _check_versions(client)
         yield client.get_executor(pure=False)
+
+
+def _check_versions(client: Any) -> None:
+    """Raise OSError for a worker without this version of jradar."""
+    found = client.get_versions(packages=["jradar"])
+    here = found["client"]["packages"]["jradar"]
+    for address, worker in found["workers"].items():
+        if (version := worker["packages"].get("jradar")) != here:
+            has = f"has jradar {version}" if version else "has no jradar"
+            raise OSError(
+                f"the worker at {address} {has}: install {here} there, as here"
+            )
