@@ -22,7 +22,9 @@ from jradar.progress import progress
 
 if TYPE_CHECKING:
     from jradar.data import PrepareSpec
+    from jradar.model import Model
     from jradar.motion.velocities import Velocities
+    from jradar.options.drawing import Drawing
     from jradar.recordings import Recording
 
 PREVIEW = "preparation.png"
@@ -292,6 +294,9 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
     """Write a trained model as one file that runs without jradar."""
     model = jradar.load_model(options.model)
     _ = model.spec.frame_grid  # refuses a model of maps
+    drawing = given_drawing(options)
+    if Path(options.output).suffix == jradar.export.ONNX:
+        return _export_onnx(options, model, drawing)
     radar = jradar.Radar(model.card.radar)
     if options.radar:
         described = jradar.recordings.read_description(
@@ -301,7 +306,6 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
     if options.coupling:
         leakage = jradar.recordings.read_coupling(options.coupling)
         radar = dataclasses.replace(radar, leakage=leakage)
-    drawing = given_drawing(options)
     jradar.export.export_function(options.output, radar, model, **drawing)
     kind = "float32" if radar.spec.real_samples else "complex64"
     return {
@@ -310,4 +314,23 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
         "purpose": model.card.purpose,
         "written": [options.output],
         "to use it in Python": jradar.export.loading(options.output),
+    }
+
+
+def _export_onnx(
+    options: argparse.Namespace, model: "Model", drawing: "Drawing"
+) -> dict[str, Any]:
+    of_cubes = [*given(options, "radar", "device", "coupling"), *drawing]
+    if of_cubes:
+        raise UsageError(
+            f"--{of_cubes[0].replace('_', '-')}: an ONNX file takes the points of any "
+            "radar, and answers in one pass; leave it out"
+        )
+    jradar.export.export_onnx(options.output, model)
+    capacity = model.spec.points.capacity
+    return {
+        "takes": f"xyz, valid, velocity and power of {capacity} points",
+        "purpose": model.card.purpose,
+        "written": [options.output],
+        "to use it in Python": jradar.export.running(options.output, capacity),
     }

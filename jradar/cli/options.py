@@ -302,7 +302,9 @@ def _view(sub):
 
 def _export(sub):
     sub.add_argument("model", metavar="MODEL", help=groups.MODEL)
-    groups.output(sub, "file to write", file_begins='{"format": "jradar function')
+    text = "file to write: .onnx takes a radar's points, other names take samples and "
+    text += "need JAX"
+    groups.output(sub, text, file_begins='{"format": "jradar function')
     groups.drawing(sub)
     text = "description of the radar that will use the file, with its calibration "
     text += "(default: the radar of the model's training, not calibrated)"
