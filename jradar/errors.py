@@ -101,6 +101,28 @@ def sigterm_raises() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+@contextlib.contextmanager
+def first_interrupt_noted() -> Iterator[list[int]]:
+    """Yield a list that the first Ctrl-C adds to; the second one raises as usual.
+
+    Outside the main thread nothing is noted.
+    """
+    noted: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+
+    def note(number, _):
+        noted.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def check_platform() -> None:
     """Raise OSError if JAX_PLATFORMS asks for devices that are missing."""
     wanted = os.environ.get("JAX_PLATFORMS", "")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import jradar
 from jradar.cli.groups import given_drawing
+from jradar.cli.printing import Results
 from jradar.cli.reading import given, open_frames, opening, summary
 from jradar.errors import UsageError
 from jradar.outputs.guard import GuardedFolder
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from jradar.options.drawing import Drawing
     from jradar.recordings import Recording
 
-PREVIEW = "preparation.png"
+PREVIEW, INTERRUPTED = "preparation.png", 130
 
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
@@ -130,12 +131,16 @@ def map_(options: argparse.Namespace) -> dict[str, Any]:
         found = mapping.map_recording(
             recording, model, frames=frames, rotation=options.rotation, advance=show
         )
-    return {
-        **summary(recording, found.notes),
-        "model": {"name": options.model, "purpose": model.card.purpose},
-        **found.describe(),
-        "written": results.put(mapping.map_files(found)),
-    }
+    result = Results(
+        {
+            **summary(recording, found.notes),
+            "model": {"name": options.model, "purpose": model.card.purpose},
+            **found.describe(),
+            "written": results.put(mapping.map_files(found)),
+        }
+    )
+    result.code = INTERRUPTED if found.interrupted else 0
+    return result
 
 
 def prepare(options: argparse.Namespace) -> dict[str, Any]:

@@ -16,6 +16,12 @@ SECONDS_SINCE_1970 = 1e8  # larger numbers are times
 SYMBOLS = {"m/s": "mps", "/": " per ", "%": " percent ", "'": ""}  # in keys of JSON
 
 
+class Results(dict[str, Any]):
+    """What a command prints, and its exit code."""
+
+    code = 0
+
+
 def say(text: str) -> None:
     """Print a line on stderr, with control characters escaped."""
     line = " ".join(text.split())

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from jradar import __version__
 from jradar.cli.paths import check_paths
-from jradar.cli.printing import in_words
+from jradar.cli.printing import Results, in_words
 from jradar.cli.verbosity import LOG, speaking
 from jradar.errors import UsageError, exit_code
 from jradar.files import lock_folder, read_json, write_text
@@ -44,12 +44,6 @@ UNRELATED = (  # options that do not change what a command writes
 )
 FAILED = 4  # the exit code where a recording fails
 SHOWN = 80  # letters of an error in the table that is printed
-
-
-class Results(dict[str, Any]):
-    """What a command prints, and its exit code."""
-
-    code = 0
 
 
 class Job(NamedTuple):

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, first_interrupt_noted
 from jradar.files import atomic_path, write_text
 from jradar.lidar import interpolate_poses
 from jradar.mapping.predict import (
@@ -51,6 +51,7 @@ class RecordingMap(NamedTuple):
     free: np.ndarray  # voxels [voxel, 3] that the radar looked through
     path: Float[np.ndarray, "frame 3"]  # metres, of the radar
     notes: tuple[str, ...]
+    interrupted: bool = False  # by Ctrl-C, so that later frames are missing
 
     def describe(self) -> dict[str, Any]:
         """Return the sizes of both maps."""
@@ -134,13 +135,21 @@ def map_clouds(
 ) -> RecordingMap:
     """Return the maps of clouds, each in the frame of its sensor's pose; host.
 
-    Raises UsageError where no point is within the sensor model's range.
+    Ctrl-C ends the walk there: the maps are those of the clouds until then, and a note
+    says so. Raises UsageError where no point is within the sensor model's range.
     """
     grid = column_grid(model)
-    voxels = VoxelMap(SensorModel(voxel_m=grid.voxel_m))
-    for done, (xyz, pose) in enumerate(zip(clouds, poses, strict=True), 1):
-        voxels.add(xyz, pose)
-        advance(done)
+    voxels, done = VoxelMap(SensorModel(voxel_m=grid.voxel_m)), 0
+    with first_interrupt_noted() as interrupted:
+        for done, (xyz, pose) in enumerate(zip(clouds, poses, strict=True), 1):
+            voxels.add(xyz, pose)
+            advance(done)
+            if interrupted:
+                break
+    notes = [*notes]
+    if done < len(poses):
+        notes.append(f"interrupted: the map shows {done} of {len(poses)} frames")
+        poses = poses[:done]
     occupied = likely_first(*voxels.occupied())
     if not len(occupied.voxels):
         raise UsageError(
@@ -151,7 +160,8 @@ def map_clouds(
     start = int(np.floor(path[0, 2] / grid.voxel_m))
     likely = enhance_map(occupied.voxels, model, start_height=start)
     enhanced = expected(likely)
-    return RecordingMap(grid, occupied, enhanced, voxels.free(), path, tuple(notes))
+    maps = grid, occupied, enhanced, voxels.free(), path
+    return RecordingMap(*maps, tuple(notes), bool(interrupted))
 
 
 def radar_poses(

@@ -1,12 +1,14 @@
 """Maps of recordings: where poses come from, and which paths are refused."""
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from jradar import mapping, open_recording
-from jradar.errors import UsageError
+from jradar.errors import UsageError, first_interrupt_noted
 from jradar.lidar import Poses
 from jradar.recordings import Recording, Stream
 from jradar.types import PointCloud
@@ -116,3 +118,31 @@ def test_heights_are_above_the_start_wherever_the_world_begins(recording):
     moved = {tuple(v) for v in (high.enhanced.voxels - rise).tolist()}
     kept = moved & {tuple(v) for v in low.enhanced.voxels.tolist()}
     assert len(kept) > 0.95 * len(low.enhanced.voxels) > 0
+
+
+def walls(frames, stop_at=None):
+    """Clouds of a wall, one after another; Ctrl-C comes while one is made."""
+    for number in range(frames):
+        if number == stop_at:
+            os.kill(os.getpid(), signal.SIGINT)
+        yield np.column_stack([np.full(50, 5.0), np.linspace(-2, 2, 50), np.zeros(50)])
+
+
+def test_ctrl_c_ends_the_walk_and_keeps_what_is_mapped():
+    poses = np.tile(np.eye(4), (9, 1, 1))
+    poses[:, 0, 3] = 0.5 * np.arange(9)
+    model, handler = tiny_map_model(), signal.getsignal(signal.SIGINT)
+    found = mapping.map_clouds(walls(9, stop_at=3), poses, model)
+    assert found.interrupted and len(found.path) == 4
+    assert found.notes == ("interrupted: the map shows 4 of 9 frames",)
+    alone = mapping.map_clouds(walls(4), poses[:4], model)
+    np.testing.assert_array_equal(found.enhanced.voxels, alone.enhanced.voxels)
+    assert not alone.interrupted and signal.getsignal(signal.SIGINT) is handler
+
+
+def test_a_second_ctrl_c_ends_the_mapping():
+    with pytest.raises(KeyboardInterrupt):
+        with first_interrupt_noted() as noted:
+            os.kill(os.getpid(), signal.SIGINT)
+            assert noted
+            os.kill(os.getpid(), signal.SIGINT)
