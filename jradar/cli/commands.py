@@ -219,7 +219,8 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
 def _kept(folder: Path) -> str:
     """Return what a stopped fine-tuning has done, and how to go on."""
     shards = len([*folder.glob("replay/records/*/*.json")])
-    steps = sorted(int(p.name) for p in folder.glob("checkpoints/[0-9]*"))
+    names = [path.name for path in folder.glob("checkpoints/*")]
+    steps = sorted(int(name) for name in names if name.isdigit())  # no half ones
     done = [
         *([f"{shards} frames of old places"] if shards else []),
         *([f"the weights of step {steps[-1]}"] if steps else []),

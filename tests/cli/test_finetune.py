@@ -28,7 +28,8 @@ def test_a_stopped_run_says_what_is_kept_and_how_to_go_on(
         for name in ("room_1", "room_2"):
             (tmp_path / "mine" / "replay" / "records" / name).mkdir(parents=True)
             (tmp_path / "mine/replay/records" / name / "0000.json").write_text("{}")
-        (tmp_path / "mine" / "checkpoints" / "40").mkdir(parents=True)
+        for name in ("40", "60.orbax-checkpoint-tmp"):  # one was half written
+            (tmp_path / "mine" / "checkpoints" / name).mkdir(parents=True)
         raise stop
 
     monkeypatch.setattr(finetuning, "finetune", stopped)
