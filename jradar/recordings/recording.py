@@ -118,12 +118,17 @@ class Recording(NamedTuple):
 
     @property
     def has_elevation(self) -> bool:
-        """Whether the array measures elevations, or points lie above or below it."""
+        """Whether the array measures elevations, or points lie above or below it.
+
+        Frames without a point do not say that it does not.
+        """
         if self.radar is not None:
             return self.radar.spec.has_elevation
-        count = len(self.frames)
+        if not (count := len(self.frames)):
+            return True
         chosen = np.linspace(0, count - 1, min(count, LOOKED_AT)).round().astype(int)
-        return not count or any(np.any(self.frames[int(k)].xyz[:, 2]) for k in chosen)
+        heights = np.concatenate([self.frames[k].xyz[:, 2] for k in chosen.tolist()])
+        return bool(heights.any()) or not len(heights)
 
     @property
     def frame_middle_s(self) -> float:

@@ -107,6 +107,8 @@ def test_points_in_one_plane_are_refused_unless_anyway():
         enhance_recording(flat, MODEL)
     (frame,) = enhance_recording(flat, MODEL, anyway=True)
     assert frame.describe()["radar points"] == 30
+    assert recording(points(0)).has_elevation  # which no point denies
+    assert recording(points(0), points(9)).has_elevation
 
 
 def test_what_needs_samples_is_refused():
