@@ -156,7 +156,8 @@ def finetune(
         _check_run(folder / RUN, run)
         old = Old(NOTHING, NOTHING)
         if not spec.own_view:
-            replay = replay or simulate_replay(folder / "replay", own)
+            steps = spec.steps_for(len(own))
+            replay = replay or simulate_replay(folder / "replay", own, steps=steps)
             old = halves(Records(replay, "train"))
         return _trained(folder, start, own, checked, old, spec, str(model))
 

@@ -29,26 +29,33 @@ REPLAYED, UNITS = "jradar-sim-5", 8  # radar units of each kind
 OF_A_UNIT = slice(0, 1)  # of its eight frames
 LOG = logging.getLogger(__name__)
 OLD_PLACES = (
-    "first: frames of old places are simulated and prepared, so that the model does "
-    "not forget them; this is done once, kept in %s, and takes up to an hour; then it "
-    "is trained. --replay-records FOLDER takes frames that you have instead"
+    "first, %d frames of old places are simulated, so that the model does not forget "
+    "them: about %.0f minutes on two cores, of %.0f in all with %d steps of training "
+    "and the scores. They are kept in %s. --replay-records FOLDER takes frames that "
+    "you have instead"
 )
+OLD_MIN, STEP_MIN, SCORES_MIN = 1 / 60, 1.3 / 60, 2.0  # a frame, a step, all scores
 OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
 OLD = data.AugmentSpec(
     thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05
 )
 
 
-def simulate_replay(folder: Path | str, own: Records) -> Path:
-    """Return records of simulated places, prepared as one's own; made once."""
+def simulate_replay(folder: Path | str, own: Records, *, steps: int) -> Path:
+    """Return records of simulated places, prepared as one's own; made once.
+
+    What is logged before names the time until the model is trained, for `steps`.
+    """
     records = Path(folder) / "records"
     try:
         return Records(records, "train").folder
     except (FileNotFoundError, ValueError):
         pass
-    LOG.warning(OLD_PLACES, folder)
     drawn = simulation.drawn_sources(REPLAYED)
     places = [s for s in drawn if s.split == "train" and s.number < UNITS]
+    first = OLD_MIN * len(places)
+    total = first + STEP_MIN * steps + SCORES_MIN
+    LOG.warning(OLD_PLACES, len(places), math.ceil(first), total, steps, folder)
     spec = PrepareSpec(**typed_fields(PrepareSpec, own.manifest["options"]))
     data.prepare_sources(places, records, spec, frames=OF_A_UNIT, workers=2)
     return records
