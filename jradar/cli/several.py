@@ -291,16 +291,32 @@ def run_one(job: Job) -> dict[str, Any]:
 
 
 def _flat(result: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the single values of a result, those of tables within it by both names."""
+    """Yield the single values of a result, those of tables within it by both names.
+
+    Of a table of frames, these are the means.
+    """
     for name, value in result.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{prefix}{name} ")
-        elif isinstance(value, str | int | float) and name != "written":
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            yield from _means(value) if "frame" in value[0] else ()
+        elif isinstance(value, str | int | float):
             yield prefix + name, value
+
+
+def _means(rows: list[dict[str, Any]]) -> Iterator[tuple[str, float]]:
+    """Yield the mean of each column of numbers, by its name; not that of times."""
+    for name in rows[0]:
+        values = [row.get(name) for row in rows]
+        kinds = {type(value) for value in values}
+        if name not in ("frame", "stamp_s") and kinds <= {int, float}:
+            yield f"mean {name}", sum(values) / len(values)
 
 
 def _short(row: dict[str, Any]) -> dict[str, Any]:
     """Return what the terminal shows of a row; the table has the rest."""
-    shown = {name: row.get(name) for name in ("name", "frames", "seconds", "warnings")}
+    sure = "mean confidence (%)"
+    names = ("name", "frames", *([sure] if sure in row else []), "seconds", "warnings")
+    shown = {name: row.get(name) for name in names}
     error = textwrap.shorten(row.get("error", ""), SHOWN, placeholder=" ..")
     return shown | ({"error": error} if error else {})

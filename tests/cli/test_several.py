@@ -68,6 +68,15 @@ def test_a_recording_that_fails_is_named_and_the_others_go_on(walks, tmp_path, c
     assert one == 0 and (tmp_path / "one.tum").read_text() == same
 
 
+def test_a_table_of_frames_becomes_its_means():
+    rows = [{"frame": 4, "points": 10, "sure": 0.5, "why": "a"}]
+    rows += [{"frame": 5, "points": 20, "sure": 0.7, "why": "b"}]
+    result = {"frames": 2, "enhanced": rows, "notes": ["a frame"], "model": {"name": 1}}
+    result["streams"] = [{"stream": "radar", "items": 4}]
+    expected = {"frames": 2, "mean points": 15, "mean sure": 0.6, "model name": 1}
+    assert dict(several._flat(result)) == pytest.approx(expected)
+
+
 def test_what_is_done_and_unchanged_is_not_done_again(walks, tmp_path, monkeypatch):
     done = []
 
