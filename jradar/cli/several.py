@@ -307,9 +307,9 @@ def _flat(result: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
 def _means(rows: list[dict[str, Any]]) -> Iterator[tuple[str, float]]:
     """Yield the mean of each column of numbers, by its name; not that of times."""
     for name in rows[0]:
-        values = [row.get(name) for row in rows]
-        kinds = {type(value) for value in values}
-        if name not in ("frame", "stamp_s") and kinds <= {int, float}:
+        values: list[Any] = [row.get(name) for row in rows]
+        values = [value for value in values if type(value) in (int, float)]
+        if name not in ("frame", "stamp_s") and len(values) == len(rows):
             yield f"mean {name}", sum(values) / len(values)
 
 
