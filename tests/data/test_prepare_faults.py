@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jradar.data import workers as workers_module
+from jradar import workers as workers_module
 from jradar.data.frames import prepare_frame
 from jradar.data.prepare import prepare
 from jradar.data.records import Records, write_shard

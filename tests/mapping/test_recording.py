@@ -141,8 +141,12 @@ def test_ctrl_c_ends_the_walk_and_keeps_what_is_mapped():
 
 
 def test_a_second_ctrl_c_ends_the_mapping():
-    with pytest.raises(KeyboardInterrupt):
-        with first_interrupt_noted() as noted:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), first_interrupt_noted() as noted:
             os.kill(os.getpid(), signal.SIGINT)
             assert noted
             os.kill(os.getpid(), signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
