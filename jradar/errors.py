@@ -105,10 +105,12 @@ def sigterm_raises() -> Iterator[None]:
 def first_interrupt_noted() -> Iterator[list[int]]:
     """Yield a list that the first Ctrl-C adds to; the second one raises as usual.
 
-    Outside the main thread nothing is noted.
+    Nothing is noted outside the main thread, and where Ctrl-C is left to another
+    process.
     """
     noted: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         yield noted
         return
 

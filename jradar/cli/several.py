@@ -37,7 +37,7 @@ from jradar.workers import run_jobs
 
 TABLE, DONE = "recordings.csv", "recordings.json"
 ENDINGS = (".bag", ".mcap", ".db3", ".bin", ".dat", ".npy", ".npz", ".pcap")
-DESCRIPTIONS = (".cfg", ".json", ".lua", ".toml", ".tum", ".txt")  # beside a file
+DESCRIPTIONS = (".cfg", ".json", ".lua", ".toml", ".tum", ".txt")  # next to a file
 UNRELATED = (  # options that do not change what a command writes
     *("path", "output", "recordings", "workers", "scheduler", "force"),
     *("json", "quiet", "verbose"),
@@ -135,7 +135,7 @@ def _jobs(options: argparse.Namespace) -> list[Job]:
             )
     common = vars(options) | {"recordings": [], "quiet": True, "verbose": False}
     chosen = {k: v for k, v in common.items() if k not in UNRELATED}
-    jobs = []
+    jobs, described = [], [*_described(chosen)]
     for name, (path,) in names.items():
         own: dict[str, Any] = {"path": path}
         if common.get("frames", 0) is None and common["frame"] is None:
@@ -143,7 +143,7 @@ def _jobs(options: argparse.Namespace) -> list[Job]:
         if common.get("output") is not None:
             suffix = next(iter(options.output_suffixes or ()), "")
             own["output"] = os.path.join(options.output, name + suffix)
-        state = [__version__, _stamps(path), *_described(chosen)]
+        state = [__version__, _stamps(path), *described]
         digest = hashlib.sha256(json.dumps(state).encode()).hexdigest()
         jobs.append(Job(name, argparse.Namespace(**common | own), digest))
     return jobs
@@ -278,6 +278,8 @@ def run_one(job: Job) -> dict[str, Any]:
             warnings.simplefilter("ignore")
             check_paths(options)
             result = options.command(options)
+        if getattr(result, "code", 0):  # a part of a map is not done
+            raise KeyboardInterrupt
     except Exception as error:
         if exit_code(error) is None:
             raise

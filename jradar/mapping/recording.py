@@ -146,8 +146,8 @@ def map_clouds(
             advance(done)
             if interrupted:
                 break
-    notes = [*notes]
-    if done < len(poses):
+    notes, ended_early = [*notes], done < len(poses)
+    if ended_early:
         notes.append(f"interrupted: the map shows {done} of {len(poses)} frames")
         poses = poses[:done]
     occupied = likely_first(*voxels.occupied())
@@ -161,7 +161,7 @@ def map_clouds(
     likely = enhance_map(occupied.voxels, model, start_height=start)
     enhanced = expected(likely)
     maps = grid, occupied, enhanced, voxels.free(), path
-    return RecordingMap(*maps, tuple(notes), bool(interrupted))
+    return RecordingMap(*maps, tuple(notes), ended_early)
 
 
 def radar_poses(

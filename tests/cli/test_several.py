@@ -1,6 +1,7 @@
 """One command over several recordings: a table, failures that are named, resuming."""
 
 import csv
+import functools
 import json
 import signal
 import subprocess
@@ -10,7 +11,7 @@ import time
 import numpy as np
 import pytest
 
-from jradar.cli import main, several
+from jradar.cli import commands, main, several
 from jradar.errors import Terminated
 
 NAMES = "name", "frames", "seconds", "warnings", "error"
@@ -117,6 +118,18 @@ def test_a_stopped_run_says_how_much_is_done(walks, monkeypatch, capsys, stop):
     assert main(command(walks, "-o", "out")) in (130, 143)
     said = "1 of 4 recordings are done; run the same command to go on"
     assert said in capsys.readouterr().err
+
+
+def test_a_part_of_a_recording_is_not_done(walks, monkeypatch, tmp_path):
+    @functools.wraps(commands.odometry)
+    def part(_):
+        found = several.Results({"written": []})
+        found.code = 130
+        return found
+
+    monkeypatch.setattr(commands, "odometry", part)
+    assert main(command(walks, "-o", "out")) == 130
+    assert not (tmp_path / "out" / "recordings.json").exists()
 
 
 def test_folders_stand_for_the_recordings_in_them(walks, tmp_path):

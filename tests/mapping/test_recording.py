@@ -128,7 +128,15 @@ def walls(frames, stop_at=None):
         yield np.column_stack([np.full(50, 5.0), np.linspace(-2, 2, 50), np.zeros(50)])
 
 
-def test_ctrl_c_ends_the_walk_and_keeps_what_is_mapped():
+@pytest.fixture
+def heard():
+    """Ctrl-C raises KeyboardInterrupt, as in a terminal."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_ends_the_walk_and_keeps_what_is_mapped(heard):
     poses = np.tile(np.eye(4), (9, 1, 1))
     poses[:, 0, 3] = 0.5 * np.arange(9)
     model, handler = tiny_map_model(), signal.getsignal(signal.SIGINT)
@@ -148,5 +156,15 @@ def test_a_second_ctrl_c_ends_the_mapping():
             assert noted
             os.kill(os.getpid(), signal.SIGINT)
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_that_is_left_to_another_process_is_not_noted():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with first_interrupt_noted() as noted:
+            os.kill(os.getpid(), signal.SIGINT)
+        assert not noted
     finally:
         signal.signal(signal.SIGINT, before)
