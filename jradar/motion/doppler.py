@@ -90,14 +90,16 @@ def ego_velocity(
             f"{least_inliers=}, expected more than the {axes} unknowns: residuals of "
             "fewer echoes say nothing"
         )
-    square = (cloud.xyz**2).sum(-1)
-    usable = cloud.valid & jnp.isfinite(cloud.velocity)
+    kind = jnp.promote_types(cloud.xyz.dtype, jnp.float32)  # half cannot be solved
+    xyz, receding = cloud.xyz.astype(kind), cloud.velocity.astype(kind)
+    square = (xyz**2).sum(-1)
+    usable = cloud.valid & jnp.isfinite(receding)
     usable &= jnp.isfinite(square) & (square > 0)
     # Replaced before the norm, which has no gradient at the origin.
-    xyz = jnp.where(usable[:, None], cloud.xyz, 1.0)
+    xyz = jnp.where(usable[:, None], xyz, 1.0)
     away = jnp.linalg.norm(xyz, axis=-1, keepdims=True)
     direction = jnp.where(usable[:, None], xyz[:, :axes] / away, 0.0)
-    doppler = jnp.where(usable, cloud.velocity, 0.0)
+    doppler = jnp.where(usable, receding, 0.0)
     period = None if unambiguous_mps is None else 2 * unambiguous_mps
 
     fixed = jax.lax.stop_gradient((direction, doppler))

@@ -61,6 +61,17 @@ def test_exact_points_give_the_exact_velocity_whatever_the_padding(points):
     assert found.solved and not found.moving.any()
 
 
+@pytest.mark.parametrize("kind", ["float16", "bfloat16"])
+def test_half_precision_gives_nearly_the_same_velocity(kind):
+    cloud, _ = cloud_of(1)
+    half = jax.tree.map(
+        lambda x: x if x.dtype == bool else jnp.asarray(x, kind), cloud
+    )
+    found = ego_velocity(KEY, half)
+    np.testing.assert_allclose(found.velocity, VELOCITY, atol=5e-3)
+    assert found.inliers.all() and np.isfinite(found.covariance).all()
+
+
 def test_movers_are_told_from_what_stands_still():
     cloud, movers = cloud_of(2, noise=0.02, movers=0.4)
     found = ego_velocity(KEY, cloud)
