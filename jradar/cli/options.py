@@ -218,6 +218,8 @@ def _map(sub):
     groups.option(sub, "--model", "NAME", text, default=DEFAULT_OF_MAPS)
     text = "take poses from Doppler and this rotation (default: the recording's poses)"
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
+    text = "close loops: correct the drift of the poses where the walk comes back"
+    groups.flag(sub, "--loops", text)
 
 
 def _prepare(sub):

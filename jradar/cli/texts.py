@@ -68,7 +68,8 @@ MAP = """
 
 Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
 that a LiDAR would have made, with the confidence of each voxel; radar_map.ply, the
-radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a picture.
+radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a picture. With
+--loops, poses are corrected where the walk comes back, which takes a few times as long.
 Ctrl-C ends the walk and writes the maps of the frames until then."""
 FINETUNE = """\
 RECORDS hold a train and a validation split: see --validation of `jradar prepare`.

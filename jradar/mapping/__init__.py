@@ -7,6 +7,7 @@
 LiDAR would have found, and `enhance_patch` does so for a patch of ColoRadar's maps.
 """
 
+from jradar.mapping.loops import Loop as Loop, close_loops as close_loops
 from jradar.mapping.predict import (
     Occupied as Occupied,
     best_count as best_count,

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from jradar.errors import UsageError, first_interrupt_noted
 from jradar.files import atomic_path, write_text
 from jradar.lidar import interpolate_poses
+from jradar.mapping.loops import close_loops
 from jradar.mapping.predict import (
     Occupied,
     column_grid,
@@ -81,15 +82,16 @@ def map_recording(
     frames: slice | range = slice(None),
     points: PointSpec = POINTS,
     rotation: str | None = None,
+    loops: bool = False,
     advance: Callable[[int], None] = lambda done: None,
 ) -> RecordingMap:
     """Return the maps of a recording's frames; host.
 
     Points are the radar's own, or those that a detector with `points` finds. The
     recorded poses are used. Without them, poses follow from Doppler and `rotation`, by
-    default the IMU's where there is one. Points that move are left out, and so are
-    frames outside the poses. Raises UsageError for poses that jump, and if no point is
-    left.
+    default the IMU's where there is one. With `loops`, the poses are made to agree
+    where the radar comes back. Points that move are left out, and so are frames outside
+    the poses. Raises UsageError for poses that jump, and if no point is left.
     """
     chosen, found = chosen_frames(recording, frames), None
     poses, notes = radar_poses(recording, chosen, rotation=rotation)
@@ -121,8 +123,8 @@ def map_recording(
         yield from () if found is None else found.warnings
         yield from notes
 
-    still_ones = map(still, clouds)
-    return map_clouds(still_ones, poses, model, notes=said(), advance=advance)
+    common: Any = {"notes": said(), "loops": loops, "advance": advance}
+    return map_clouds(map(still, clouds), poses, model, **common)
 
 
 def map_clouds(
@@ -131,18 +133,21 @@ def map_clouds(
     model: Model,
     *,
     notes: Iterable[str] = (),
+    loops: bool = False,
     advance: Callable[[int], None] = lambda done: None,
 ) -> RecordingMap:
     """Return the maps of clouds, each in the frame of its sensor's pose; host.
 
     Ctrl-C ends the walk there: the maps are those of the clouds until then, and a note
-    says so. Raises UsageError where no point is within the sensor model's range.
+    says so. With `loops`, all clouds are held until their poses are known. Raises
+    UsageError where no point is within the sensor model's range.
     """
     grid = column_grid(model)
     voxels, done = VoxelMap(SensorModel(voxel_m=grid.voxel_m)), 0
+    held = list[Points]()
     with first_interrupt_noted() as interrupted:
         for done, (xyz, pose) in enumerate(zip(clouds, poses, strict=True), 1):
-            voxels.add(xyz, pose)
+            held.append(xyz) if loops else voxels.add(xyz, pose)
             advance(done)
             if interrupted:
                 break
@@ -150,6 +155,11 @@ def map_clouds(
     if ended_early:
         notes.append(f"interrupted: the map shows {done} of {len(poses)} frames")
         poses = poses[:done]
+    if loops:
+        poses, note = _closed(held, poses)
+        notes.append(note)
+        for xyz, pose in zip(held, poses, strict=True):
+            voxels.add(xyz, pose)
     occupied = likely_first(*voxels.occupied())
     if not len(occupied.voxels):
         raise UsageError(
@@ -162,6 +172,15 @@ def map_clouds(
     enhanced = expected(likely)
     maps = grid, occupied, enhanced, voxels.free(), path
     return RecordingMap(*maps, tuple(notes), ended_early)
+
+
+def _closed(clouds, poses):
+    """Return poses in which loops are closed, and a note on them."""
+    closed, loops = close_loops(clouds, poses)
+    if not loops:
+        return poses, "no loop was found: the poses stay as they are"
+    moved = float(np.linalg.norm(closed[-1, :3, 3] - poses[-1, :3, 3]))
+    return closed, f"{len(loops)} loops were closed: the end moves by {moved:.2g} m"
 
 
 def radar_poses(

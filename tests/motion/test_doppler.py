@@ -64,9 +64,7 @@ def test_exact_points_give_the_exact_velocity_whatever_the_padding(points):
 @pytest.mark.parametrize("kind", ["float16", "bfloat16"])
 def test_half_precision_gives_nearly_the_same_velocity(kind):
     cloud, _ = cloud_of(1)
-    half = jax.tree.map(
-        lambda x: x if x.dtype == bool else jnp.asarray(x, kind), cloud
-    )
+    half = jax.tree.map(lambda x: x if x.dtype == bool else jnp.asarray(x, kind), cloud)
     found = ego_velocity(KEY, half)
     np.testing.assert_allclose(found.velocity, VELOCITY, atol=5e-3)
     assert found.inliers.all() and np.isfinite(found.covariance).all()
