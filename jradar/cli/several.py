@@ -14,6 +14,7 @@ import argparse
 import collections
 import contextlib
 import csv
+import functools
 import hashlib
 import io
 import json
@@ -21,7 +22,7 @@ import os
 import textwrap
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -136,6 +137,7 @@ def _jobs(options: argparse.Namespace) -> list[Job]:
     common = vars(options) | {"recordings": [], "quiet": True, "verbose": False}
     chosen = {k: v for k, v in common.items() if k not in UNRELATED}
     jobs, described = [], [*_described(chosen)]
+    near = functools.cache(_descriptions)  # a folder may hold thousands
     for name, (path,) in names.items():
         own: dict[str, Any] = {"path": path}
         if common.get("frames", 0) is None and common["frame"] is None:
@@ -143,7 +145,7 @@ def _jobs(options: argparse.Namespace) -> list[Job]:
         if common.get("output") is not None:
             suffix = next(iter(options.output_suffixes or ()), "")
             own["output"] = os.path.join(options.output, name + suffix)
-        state = [__version__, _stamps(path), *described]
+        state = [__version__, _stamps(path, near), *described]
         digest = hashlib.sha256(json.dumps(state).encode()).hexdigest()
         jobs.append(Job(name, argparse.Namespace(**common | own), digest))
     return jobs
@@ -157,14 +159,16 @@ def _described(chosen: dict[str, Any]) -> Iterator[Any]:
         yield [name, text, _stamps(value) if is_path else None]
 
 
-def _stamps(path: str) -> list[Any]:
+def _descriptions(folder: Path) -> list[Path]:
+    """Return the files of a folder that may describe the recordings next to them."""
+    return [p for p in sorted(folder.iterdir()) if p.suffix in DESCRIPTIONS]
+
+
+def _stamps(path: str, near: Callable[[Path], list[Path]] = _descriptions) -> list[Any]:
     """Return sizes and times of a recording's files, and of those that describe it."""
     top = Path(path)
-    if top.is_dir():
-        files = [p for p in sorted(top.rglob("*")) if p.is_file()]
-    else:
-        near = (p for p in sorted(top.parent.iterdir()) if p.suffix in DESCRIPTIONS)
-        files = [p for p in (top, *near) if p.is_file()]
+    files = [*sorted(top.rglob("*"))] if top.is_dir() else [top, *near(top.parent)]
+    files = [p for p in files if p.is_file()]
     states = [(str(p.resolve()), p.stat()) for p in files]
     return [[name, state.st_size, state.st_mtime_ns] for name, state in states]
 

@@ -136,13 +136,14 @@ def heard():
     signal.signal(signal.SIGINT, before)
 
 
-def test_ctrl_c_ends_the_walk_and_keeps_what_is_mapped(heard):
+@pytest.mark.parametrize("loops", [False, True])
+def test_ctrl_c_ends_the_walk_and_keeps_what_is_mapped(heard, loops):
     poses = np.tile(np.eye(4), (9, 1, 1))
     poses[:, 0, 3] = 0.5 * np.arange(9)
     model, handler = tiny_map_model(), signal.getsignal(signal.SIGINT)
-    found = mapping.map_clouds(walls(9, stop_at=3), poses, model)
+    found = mapping.map_clouds(walls(9, stop_at=3), poses, model, loops=loops)
     assert found.interrupted and len(found.path) == 4
-    assert found.notes == ("interrupted: the map shows 4 of 9 frames",)
+    assert found.notes[0] == "interrupted: the map shows 4 of 9 frames"
     alone = mapping.map_clouds(walls(4), poses[:4], model)
     np.testing.assert_array_equal(found.enhanced.voxels, alone.enhanced.voxels)
     assert not alone.interrupted and signal.getsignal(signal.SIGINT) is handler
