@@ -16,6 +16,7 @@ from jradar.pipeline.frames import ahead, chosen_frames, stamp_s
 from jradar.pipeline.stages import Stages
 from jradar.pipeline.warnings import Tally, no_echoes
 from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
+from jradar.radar.echoes import NoiseStatistics
 from jradar.recordings import (
     Recording,
     check_samples,
@@ -64,7 +65,7 @@ class Detected(NamedTuple):
             "detected": self.detected,
             "dropped": self.dropped,
             "saturated": self.saturated,
-            "noise": noise_statistics(self.power, radar)._asdict(),
+            "noise": _noise(noise_statistics(self.power, radar)),
             "echoes": [e._asdict() for e in strongest_echoes(self.points, radar)],
         }
 
@@ -173,7 +174,7 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
         "frame": frame,
         "largest sample": seen.check.largest,
         "share at full scale": seen.check.share,
-        "noise": _noise(shown["noise"]),
+        "noise": shown["noise"],
         "echoes": shown["echoes"],
     }
     for (seen_moving,) in moving:
@@ -188,15 +189,15 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     return {**described, **found}
 
 
-def _noise(found: dict[str, float]) -> dict[str, float | str]:
+def _noise(found: NoiseStatistics) -> dict[str, float | str]:
     """Return the noise of a frame, its spread in words."""
-    spread, pure = found["spread_db"], found["pure_noise_spread_db"]
+    spread, pure = found.spread_db, found.pure_noise_spread_db
     meaning = "most of the map is noise"
     if spread > FULL * pure:
         meaning = "echoes, leakage or interference fill much of the map"
     return {
-        "floor_db": found["floor_db"],
-        "counts_per_sample": found["counts_per_sample"],
+        "floor_db": found.floor_db,
+        "counts_per_sample": found.counts_per_sample,
         "spread": f"{spread:.1f} dB, of pure noise {pure:.1f} dB: {meaning}",
     }
 
