@@ -12,6 +12,7 @@ weights, and the versions that made it. jax2onnx converts the function (extra `o
 
 import contextlib
 import hashlib
+import io
 import json
 import logging
 from collections.abc import Iterator
@@ -163,10 +164,11 @@ def _converter() -> Any:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Leave out what jax2onnx logs of plug-ins for libraries that are not there."""
+    """Leave out what jax2onnx prints, and logs of libraries that are not there."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
-        yield
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
     finally:
         logging.disable(before)

@@ -1,5 +1,7 @@
 """An ONNX file gives the cloud of `enhance_points`, without JAX and without jradar."""
 
+import contextlib
+import io
 import json
 import os
 import re
@@ -71,7 +73,9 @@ def exported(tmp_path_factory):
     for module in NEEDS:
         pytest.importorskip(module)
     path = tmp_path_factory.mktemp("onnx") / "model.onnx"
-    export_onnx(path, MODEL)
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        export_onnx(path, MODEL)
+    assert not printed.getvalue()
     return path
 
 
