@@ -51,8 +51,10 @@ class Parser(argparse.ArgumentParser):
             r"invalid choice: '(.*)' \(choose from (.*)\)", message
         ):
             wrong, known = found[1], re.findall(r"[\w-]+", found[2])
-        near = difflib.get_close_matches(wrong, known, 1)
-        message += "".join(f", did you mean {name}?" for name in near)
+        if wrong in known:
+            message += f": {wrong} belongs after the command"
+        elif near := difflib.get_close_matches(wrong, known, 1):
+            message += f", did you mean {near[0]}?"
         line = printable(f"{self.prog}: {message} (see {self.prog} --help)")
         self.exit(2, f"{line}\n")
 

@@ -49,8 +49,9 @@ class Detected(NamedTuple):
     check: SampleCheck  # of the samples as they were recorded
     saturated: int  # numbers at the end of the converter's scale
 
-    confidence: None = None  # detections have neither
+    confidence: None = None  # detections have none of these
     unlikeness: None = None
+    bare: bool = False
 
     @property
     def empty(self) -> bool:

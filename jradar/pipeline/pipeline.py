@@ -60,6 +60,11 @@ class Frame(NamedTuple):
         return not np.asarray(self.points.valid).any()
 
     @property
+    def bare(self) -> bool:
+        """True if the radar saw something, but the cloud has no point."""
+        return not (self.empty or np.asarray(self.cloud.valid).any())
+
+    @property
     def pixels(self) -> Bool[np.ndarray, "row column"]:
         """Which pixels of the image are points of the cloud, which begins with them."""
         shape = np.shape(self.image[0])

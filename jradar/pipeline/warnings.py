@@ -50,6 +50,11 @@ class Seen(Protocol):
         ...
 
     @property
+    def bare(self) -> bool:
+        """True if the detector found something, but the cloud has no point."""
+        ...
+
+    @property
     def confidence(self) -> float | None:
         """The mean confidence of its points."""
         ...
@@ -117,6 +122,7 @@ class Tally:
         sure = frame.confidence
         found = {
             "empty": frame.empty,
+            "bare": frame.bare,
             "strange": (frame.unlikeness or 0.0) > self._strange,
             "unsure": sure is not None and sure < UNSURE,
         }
@@ -131,6 +137,11 @@ class Tally:
         """Yield one sentence for each fault; a radar that sends points may be None."""
         if count := self._counts["empty"]:
             yield no_echoes(self._first["empty"], count)
+        if self._counts["bare"]:
+            yield (
+                f"no point of {self._which('bare')} is sure enough, and the cloud is "
+                "empty: a lower --min-confidence keeps more"
+            )
         if count := self._counts["strange"]:
             share, other = STRANGE, ""
             if self._least <= STRANGE:

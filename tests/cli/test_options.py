@@ -34,6 +34,7 @@ BIG = str(10**30)
         (["simulate", "-o", "y", "--scene", "lab", "--seed", BIG], "expected 0 to"),
         (["enhance", "x", "-o", "y", "--draws", BIG], "expected 1 to 64"),
         (["enhance", "x", "-o", "y", "--steps", "1001"], "expected 1 to 1000"),
+        (["-q", "info", "x"], "arguments: -q: -q belongs after the command"),
         (["points", "x", "-o", "y", "--max-rnage=3"], "did you mean --max-range?"),
         (["view", "x", "--json", "stray"], "unrecognized arguments: stray"),
         (["points", "x", "-o", "y", "--device", "xwr1642"], "did you mean awr1642?"),

@@ -32,11 +32,14 @@ def of_frames(frames, radar):
     return tally.warnings(radar)
 
 
-def frame(number, confidence=0.7, unlikeness=0.5, points=3):
+def frame(number, confidence=0.7, unlikeness=0.5, points=3, kept=2):
     """A frame of which warnings look at these numbers."""
-    cloud = PointCloud(jnp.ones((4, 3)), np.arange(4) < points)
+    seen, cloud = (
+        PointCloud(jnp.ones((4, 3)), np.arange(4) < count) for count in (points, kept)
+    )
     fields = dict.fromkeys(Frame._fields)
-    fields |= {"number": number, "points": cloud, "confidence": confidence}
+    fields |= {"number": number, "points": seen, "confidence": confidence}
+    fields |= {"cloud": cloud}
     return Frame(**fields | {"unlikeness": unlikeness})
 
 
@@ -87,3 +90,10 @@ def test_strange_and_empty_frames_are_named(card):
     empty, strange = of_frames(frames, Radar(card.radar))
     assert "no echoes in frame 1:" in empty
     assert "frame 0 of 3 is unlike 99 % of the training frames" in strange
+
+
+def test_a_cloud_without_a_sure_point_is_named_once_the_radar_saw_something(card):
+    frames = [frame(0, kept=0), frame(1), frame(2, points=0, kept=0)]
+    empty, bare = of_frames(frames, Radar(card.radar))
+    assert "no echoes in frame 2:" in empty
+    assert bare.startswith("no point of frame 0 of 3 is sure enough")
