@@ -127,10 +127,14 @@ def map_(options: argparse.Namespace) -> dict[str, Any]:
     mapping.column_grid(model)  # refuses a model of frames
     recording = jradar.open_recording(options.path, **opening(options))
     frames = range(*options.frames.indices(len(recording.frames)))
-    how = {"rotation": options.rotation, "loops": options.loops}
     with progress("mapping", len(frames), unit="frames") as show:
         found = mapping.map_recording(
-            recording, model, frames=frames, advance=show, **how
+            recording,
+            model,
+            frames=frames,
+            rotation=options.rotation,
+            loops=options.loops,
+            advance=show,
         )
     result = Results(
         {

@@ -123,8 +123,9 @@ def map_recording(
         yield from () if found is None else found.warnings
         yield from notes
 
-    common: Any = {"notes": said(), "loops": loops, "advance": advance}
-    return map_clouds(map(still, clouds), poses, model, **common)
+    return map_clouds(
+        map(still, clouds), poses, model, notes=said(), loops=loops, advance=advance
+    )
 
 
 def map_clouds(
@@ -147,7 +148,10 @@ def map_clouds(
     held = list[Points]()
     with first_interrupt_noted() as interrupted:
         for done, (xyz, pose) in enumerate(zip(clouds, poses, strict=True), 1):
-            held.append(xyz) if loops else voxels.add(xyz, pose)
+            if loops:
+                held.append(xyz)
+            else:
+                voxels.add(xyz, pose)
             advance(done)
             if interrupted:
                 break
