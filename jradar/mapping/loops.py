@@ -78,6 +78,12 @@ def close_loops(
     return changed @ poses, loops
 
 
+def check_libraries() -> None:
+    """Raise ImportError without the extra `loops`, before a walk is read for it."""
+    for name in ("small_gicp", "gtsam"):
+        _library(name)
+
+
 def path_lengths(poses: Transforms) -> Float[np.ndarray, " frame"]:
     """Return the metres from the first pose to each, along the path."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)

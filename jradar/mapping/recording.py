@@ -12,7 +12,7 @@ from jaxtyping import Float
 from jradar.errors import UsageError, first_interrupt_noted
 from jradar.files import atomic_path, write_text
 from jradar.lidar import interpolate_poses
-from jradar.mapping.loops import close_loops
+from jradar.mapping.loops import check_libraries, close_loops
 from jradar.mapping.predict import (
     Occupied,
     column_grid,
@@ -91,8 +91,11 @@ def map_recording(
     recorded poses are used. Without them, poses follow from Doppler and `rotation`, by
     default the IMU's where there is one. With `loops`, the poses are made to agree
     where the radar comes back. Points that move are left out, and so are frames outside
-    the poses. Raises UsageError for poses that jump, and if no point is left.
+    the poses. Raises UsageError for poses that jump, and if no point is left, and
+    ImportError for `loops` without their extra.
     """
+    if loops:
+        check_libraries()
     chosen, found = chosen_frames(recording, frames), None
     poses, notes = radar_poses(recording, chosen, rotation=rotation)
     posed = np.flatnonzero(np.isfinite(poses).all((1, 2)))

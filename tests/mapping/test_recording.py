@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,16 @@ def heard():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+def test_loops_without_their_libraries_end_before_the_walk(recording, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    done = []
+    with pytest.raises(ImportError, match=r"needs gtsam: pip .*jradar\[loops\]"):
+        mapping.map_recording(
+            recording, tiny_map_model(), loops=True, advance=done.append
+        )
+    assert not done
 
 
 @pytest.mark.parametrize("loops", [False, True])
