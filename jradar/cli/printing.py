@@ -52,7 +52,13 @@ class Parser(argparse.ArgumentParser):
         ):
             wrong, known = found[1], re.findall(r"[\w-]+", found[2])
         if wrong in known:
-            message += f": {wrong} belongs after the command"
+            takers = [
+                k for k, p in self.commands().items() if wrong in p.known_options()
+            ]
+            every = len(takers) == len(self.commands())
+            message += (
+                f": it stands after {'the command' if every else ', '.join(takers)}"
+            )
         elif near := difflib.get_close_matches(wrong, known, 1):
             message += f", did you mean {near[0]}?"
         line = printable(f"{self.prog}: {message} (see {self.prog} --help)")
@@ -61,10 +67,12 @@ class Parser(argparse.ArgumentParser):
     def known_options(self) -> set[str]:
         """Return the options of this parser and of its commands."""
         known = {*self._option_string_actions}
-        for action in self._actions:
-            if isinstance(action.choices, dict):  # the commands
-                known |= {o for p in action.choices.values() for o in p.known_options()}
-        return known
+        return known.union(*(p.known_options() for p in self.commands().values()))
+
+    def commands(self) -> dict[str, "Parser"]:
+        """Return the parsers of the commands by name."""
+        choices = [action.choices for action in self._actions]
+        return next((each for each in choices if isinstance(each, dict)), {})
 
 
 def as_json(result: dict[str, Any]) -> str:

@@ -61,7 +61,7 @@ def close_loops(
     The first pose stays. Without a loop the poses are those that were given. Raises
     ImportError without the extra `loops`.
     """
-    path = path_lengths(poses)
+    path = path_lengths(poses[:, :3, 3])
     if path[-1] < APART_M:
         return poses, []
     nodes = np.unique(np.searchsorted(path, np.arange(0, path[-1], STEP_M)))
@@ -84,9 +84,9 @@ def check_libraries() -> None:
         _library(name)
 
 
-def path_lengths(poses: Transforms) -> Float[np.ndarray, " frame"]:
-    """Return the metres from the first pose to each, along the path."""
-    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+def path_lengths(path: Float[np.ndarray, "frame 3"]) -> Float[np.ndarray, " frame"]:
+    """Return the metres from the first place to each, along the path."""
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     return np.r_[0.0, np.cumsum(steps)]
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from jradar.errors import UsageError, first_interrupt_noted
 from jradar.files import atomic_path, write_text
 from jradar.lidar import interpolate_poses
-from jradar.mapping.loops import check_libraries, close_loops
+from jradar.mapping.loops import check_libraries, close_loops, path_lengths
 from jradar.mapping.predict import (
     Occupied,
     column_grid,
@@ -57,10 +57,9 @@ class RecordingMap(NamedTuple):
     def describe(self) -> dict[str, Any]:
         """Return the sizes of both maps."""
         low, high = self.path.min(0), self.path.max(0)
-        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
         return {
             "frames": len(self.path),
-            "path (m)": round(float(steps.sum()), 2),
+            "path (m)": round(float(path_lengths(self.path)[-1]), 2),
             "extent of the path (m)": np.round(high - low, 2).tolist(),
             "voxel (m)": self.grid.voxel_m,
             "radar voxels": len(self.radar.voxels),
