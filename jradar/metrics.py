@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Array, Bool, Float
-from scipy.spatial import KDTree
 
 from jradar.compiled import jit
 from jradar.nearest import squared_both_ways
@@ -72,7 +72,7 @@ def compare_on_host(prediction: np.ndarray, truth: np.ndarray) -> CloudMetrics:
         forth = back = np.full(1, np.nan)
     else:
         forth, back = (
-            KDTree(other).query(points, workers=-1)[0]
+            scipy.spatial.KDTree(other).query(points, workers=-1)[0]
             for points, other in (clouds, reversed(clouds))
         )
     return _scores(forth, back, np)
@@ -89,7 +89,7 @@ def f_score(
         return 0.0
     precision, recall = (
         np.isfinite(
-            KDTree(other).query(points, distance_upper_bound=within_m)[0]
+            scipy.spatial.KDTree(other).query(points, distance_upper_bound=within_m)[0]
         ).mean()
         for points, other in ((found, truth), (truth, found))
     )
@@ -116,7 +116,7 @@ def near_truth(
         return np.zeros(len(xyz), bool)
     # The bound of the search excludes points at the very distance.
     bound = np.nextafter(within_m, np.inf)
-    nearest, _ = KDTree(truth).query(xyz, distance_upper_bound=bound)
+    nearest, _ = scipy.spatial.KDTree(truth).query(xyz, distance_upper_bound=bound)
     return nearest <= within_m
 
 

@@ -9,8 +9,8 @@ that is empty, or that a protocol leaves empty, is scored as in `score_points`.
 from collections.abc import Callable
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
 from jradar.evaluation.methods import score_points
 from jradar.lidar import shared_field_of_view
@@ -55,7 +55,7 @@ def radar_diffusion(found: Points, truth: Points) -> dict[str, float]:
     scores = score_points(*flat)
     if not len(found) or not len(truth):
         return scores
-    forth, back = (KDTree(b).query(a)[0] for a, b in (flat, flat[::-1]))
+    forth, back = (scipy.spatial.KDTree(b).query(a)[0] for a, b in (flat, flat[::-1]))
     right, missed = (forth <= FLAT_LIMIT_M).sum(), (back > FLAT_LIMIT_M).sum()
     precision = right / max(right + missed, 1)
     return scores | {

@@ -3,6 +3,7 @@
 `describe_recording` returns what `jradar info` shows of a recording and of one frame.
 """
 
+import importlib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -168,6 +169,7 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     if radar.num_chirps > 1:
         kinds.append(PointSpec(remove_static=True))
     with ThreadPoolExecutor() as threads:  # which compile at the same time
+        threads.submit(importlib.import_module, "scipy.special")  # for the noise; slow
         detections = [*threads.map(lambda kind: Detection(checked, kind, one), kinds)]
     (seen,), *moving = detections
     shown = seen.describe(radar)
