@@ -87,13 +87,16 @@ def recordings_at(paths: list[str]) -> list[str]:
 def _inside(path: Path, is_recording, depth: int = 2) -> Iterator[str]:
     """Yield a recording, or those in a folder; also what ends as one and may be broken.
 
-    A path without any is yielded itself, so that its error is shown.
+    Files end as one in `ENDINGS`, or like a recording next to them. A path without any
+    is yielded itself, so that its error is shown.
     """
     if not depth or not path.is_dir() or is_recording(path):
         yield str(path)
         return
     shown = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
-    ours = [p for p in shown if p.suffix in ENDINGS or is_recording(p)]
+    known = [p for p in shown if is_recording(p)]
+    endings = {*ENDINGS, *(p.suffix for p in known if p.is_file())}
+    ours = [p for p in shown if p in known or p.suffix in endings]
     deeper = [p for p in shown if p.is_dir() and p not in ours]
     within = [
         found

@@ -147,9 +147,11 @@ def test_folders_stand_for_the_recordings_in_them(walks, tmp_path):
     assert [path.rsplit("/", 1)[1] for path in found] == [
         *("damaged.mcap", "walk_00", "walk_01", "walk_10", "walk_11")
     ]
-    assert len(several.recordings_at(["walks"])) == 3
-    (walks / "broken.csv").unlink()
-    assert several.recordings_at(["walks"]) == []  # a file for each frame
+    assert len(several.recordings_at(["walks"])) == 4  # the broken one, too
+    (tmp_path / "frames").mkdir()
+    for n in range(3):
+        walk(tmp_path / "frames" / f"{n}.csv", n, frames=1)
+    assert several.recordings_at(["frames"]) == []  # a file for each frame
     assert several.recordings_at(["all/day_0/walk_00"]) == []
     assert several.recordings_at(["walks/walk_0.csv"]) == []
 

@@ -21,7 +21,11 @@ from jradar.errors import parsing
 from jradar.files import check_unpacked, open_file
 from jradar.recordings.clouds.pcd import MAX_HEADER
 from jradar.recordings.clouds.read import read_cloud
-from jradar.recordings.points.fields import are_radar_points
+from jradar.recordings.points.fields import (
+    are_points,
+    are_radar_points,
+    match_fields,
+)
 from jradar.recordings.points.frames import points_recording
 from jradar.recordings.points.poses import found_poses
 from jradar.recordings.recording import Format, Recording, Stream
@@ -31,6 +35,7 @@ MAX_BYTES = 2 << 30
 FRAME = ("frame", "frame number", "frame_number", "frame_id", "frame_index", "scan")
 TIME = ("timestamp", "time", "stamp", "stamp_s", "t", "time_s")
 UNITS = ((1e11, 1.0), (1e14, 1e3), (1e17, 1e6), (np.inf, 1e9))  # of a time, by its size
+LONGEST_FRAME_S = 1.0
 EPOCH_S = 1e9  # a larger number in a file's name is a time
 
 
@@ -49,14 +54,32 @@ def open_tables(path: Path | str) -> Recording:
 
 
 def are_tables(path: Path) -> bool:
-    """True for a file, or a folder of files, whose columns are a radar's."""
+    """True for a file, or a folder of frames, whose columns are a radar's.
+
+    A folder of files of several frames each is one of recordings.
+    """
     files = _files(path) if path.is_dir() else [path]
     if not files or files[0].suffix not in SUFFIXES or not files[0].is_file():
         return False
     try:
-        return are_radar_points(_names(files[0]))
+        names = _names(files[0])
+        several = path.is_dir() and _holds_several(files[0], names)
+        return are_radar_points(names) and not several
     except (OSError, ValueError):
         return False
+
+
+def _holds_several(path: Path, names: Iterable[str]) -> bool:
+    """Whether a file holds several frames, by their numbers or their times.
+
+    The points of one frame may differ a little in time.
+    """
+    plain = {name.lower() for name in names}
+    if not plain & {*FRAME, *TIME}:
+        return False
+    frames = _file(path)
+    apart = frames.stamps is not None and np.ptp(frames.stamps) > LONGEST_FRAME_S
+    return len(frames) > 1 and (apart or not plain.isdisjoint(FRAME))
 
 
 READER = Format(
@@ -153,7 +176,17 @@ def number_order(path: Path) -> list[tuple[int, str]]:
 
 def _folder(path: Path) -> Stream:
     files = _files(path)
-    return Stream(lambda k: read_columns(files[k]), len(files), stamps_of_names(files))
+
+    def read(index: int) -> dict[str, np.ndarray]:
+        columns = read_columns(files[index])
+        if not are_points(match_fields(columns)):
+            raise ValueError(
+                f"{files[index]} has the columns {', '.join(columns) or 'none'}, "
+                "expected x, y and z, or range and azimuth, as in the files next to it"
+            )
+        return columns
+
+    return Stream(read, len(files), stamps_of_names(files))
 
 
 def stamps_of_names(files: Iterable[Path]) -> Float[np.ndarray, " frame"] | None:

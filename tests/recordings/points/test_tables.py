@@ -163,6 +163,34 @@ def test_damaged_files_are_a_clear_error(tmp_path):
         open_recording(path)
 
 
+def test_a_file_of_a_folder_without_places_is_named(tmp_path):
+    for k in range(3):
+        CLOUD.save(tmp_path / f"{k}.csv")
+    (tmp_path / "1.csv").write_text("a,b,velocity\n1,2,3\n")
+    with pytest.raises(ValueError, match=r"1.csv has the columns a, b, velocity, exp"):
+        open_recording(tmp_path)
+    (tmp_path / "1.csv").write_text("")
+    with pytest.raises(ValueError, match=r"1.csv has the columns none, expected x, y"):
+        open_recording(tmp_path)
+
+
+@pytest.mark.parametrize("by", ["Frame", "Timestamp"])
+def test_a_folder_of_files_of_several_frames_holds_recordings(tmp_path, by):
+    for k in range(2):
+        rows = np.column_stack([np.repeat([1.0, 2, 3], 10), XYZ, CLOUD.velocity])
+        write_csv(tmp_path / f"{k}.csv", rows, [by, "x", "y", "z", "velocity"])
+    assert not is_recording(tmp_path) and is_recording(tmp_path / "0.csv")
+    with pytest.raises(UsageError, match=r"not a recording; name one inside it: .*0.c"):
+        open_recording(tmp_path)
+
+
+def test_the_points_of_a_frame_may_have_their_own_times(tmp_path):
+    for k in range(2):
+        rows = np.column_stack([k + 0.01 * (XYZ[:, 0] > 4), XYZ, CLOUD.velocity])
+        write_csv(tmp_path / f"{k}.csv", rows, ["time", "x", "y", "z", "velocity"])
+    assert len(open_recording(tmp_path).points) == 2
+
+
 def test_info_says_what_was_taken_for_what(tmp_path, capsys):
     from jradar.cli import main
 
