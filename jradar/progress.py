@@ -93,7 +93,10 @@ class _Rate:
         if done == self.start[0] or now == self.start[1]:
             return ""
         rate = (done - self.start[0]) / (now - self.start[1])
-        left = datetime.timedelta(seconds=round((self.total - done) / rate))
+        speed = f"{rate:.2f} {self.unit}/s"
         if rate < 1:
-            return f"{1 / rate:.2f} s/{self.unit.removesuffix('s')}  left {left}"
-        return f"{rate:.2f} {self.unit}/s  left {left}"
+            speed = f"{1 / rate:.2f} s/{self.unit.removesuffix('s')}"
+        if done >= self.total:  # what follows, such as writing, is not counted
+            return speed
+        left = datetime.timedelta(seconds=round((self.total - done) / rate))
+        return f"{speed}  left {left}"

@@ -248,6 +248,8 @@ def score(options: argparse.Namespace) -> dict[str, Any]:
         frames=options.frames,
         seed=options.seed,
         protocol=options.protocol,
+        workers=options.workers,
+        scheduler=options.scheduler,
         **opening(options),
     )
     result = found.describe()

@@ -201,7 +201,7 @@ def _odometry(sub):
     groups.all_frames(sub, "frames A to B-1 (default: all)")
     text = "trajectory to write, such as trajectory.tum"
     suffixes = (".tum", ".txt")
-    groups.output(sub, text, file_begins="# jradar odometry", suffixes=suffixes)
+    groups.output(sub, text, file_begins="# jradar", suffixes=suffixes)
     text = (
         "source of the rig's rotation: the recording's IMU, its poses, LiDAR scans, "
         "or no rotation (default: imu if there is one, else none)"
@@ -268,6 +268,7 @@ def _score(sub):
     groups.option(sub, "--protocol", "NAME", text, choices=[*PROTOCOLS], default=PAPER)
     text = "split of records (default: test, or else validation)"
     groups.option(sub, "--split", "NAME", text, choices=SPLITS)
+    groups.workers(sub)
     groups.seed(sub, "random seed of the draws and of splat")
 
 

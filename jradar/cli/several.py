@@ -32,6 +32,7 @@ from jradar.cli.printing import Results, in_words
 from jradar.cli.verbosity import LOG, speaking
 from jradar.errors import UsageError, exit_code
 from jradar.files import lock_folder, read_json, write_text
+from jradar.options.models import absolute_model
 from jradar.outputs.guard import GuardedFolder
 from jradar.progress import progress
 from jradar.workers import run_jobs
@@ -150,8 +151,18 @@ def _jobs(options: argparse.Namespace) -> list[Job]:
             own["output"] = os.path.join(options.output, name + suffix)
         state = [__version__, _stamps(path, near), *described]
         digest = hashlib.sha256(json.dumps(state).encode()).hexdigest()
-        jobs.append(Job(name, argparse.Namespace(**common | own), digest))
+        given = common | own
+        if options.scheduler is not None:  # whose workers may run in another folder
+            given = {k: _absolute(k, value) for k, value in given.items()}
+        jobs.append(Job(name, argparse.Namespace(**given), digest))
     return jobs
+
+
+def _absolute(name: str, value: Any) -> Any:
+    """Return the value of an option; what it names on disk becomes an absolute path."""
+    if value is None or name not in ("path", "output", "radar", "model"):
+        return value
+    return absolute_model(value) if name == "model" else os.path.abspath(value)
 
 
 def _described(chosen: dict[str, Any]) -> Iterator[Any]:

@@ -83,10 +83,13 @@ def find_sources(
     from `splits` ({name: split}), then from `splits.json` in the folder, then from the
     paper's split for names of ColoRadar, and is "train" otherwise. The last
     `validation_share` of each sequence that trains validates instead, as NAME-end.
+    Paths become absolute, because a worker may run in another folder.
     Raises ValueError for two sequences of the same name and for a `splits.json` with
     other splits, and UsageError for `splits` of unknown sequences.
     """
     paths = [path] if isinstance(path, str | Path) else [*path]
+    if (description := opening.get("description")) is not None:
+        opening["description"] = Path(description).absolute()
     options = tuple((k, v) for k, v in sorted(opening.items()) if v is not None)
     found = [source for p in paths for source in _sources(Path(p).absolute(), options)]
     names = [source.name for source in found]

@@ -7,7 +7,8 @@ scores a dictionary of methods, and writes
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -152,12 +153,10 @@ def score_and_keep(
     methods: dict[str, Method],
     *,
     every: int = 1,
-    truths: Mapping[str, Truth] | None = None,
     watch: Watch | None = None,
-    protocol: str = PAPER,
-    unit: float = 1.0,
+    **options: Any,
 ) -> tuple[Scores, Clouds]:
-    """Return the rows of `score_records`, and the clouds of some frames."""
+    """Return the rows of `score_records`, and the clouds of some of all frames."""
     scored = [i for index in _scored(view.records, every).values() for i in index]
     shown = {
         view.records.where[scored[i]] for i in spread(len(scored), CLOUDS_IN_REPORT)
@@ -175,9 +174,8 @@ def score_and_keep(
             named[row["method"]] = surest_points(cloud)
             named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # LiDAR comes last
 
-    options = {"every": every, "truths": truths, "protocol": protocol, "unit": unit}
-    rows = score_records(key, view, pairs, methods, watch=keep, **options)
-    return [*rows], clouds
+    options |= {"every": every, "watch": keep}
+    return [*score_records(key, view, pairs, methods, **options)], clouds
 
 
 def write_report(
@@ -210,14 +208,17 @@ def score_records(
     methods: dict[str, Method],
     *,
     every: int = 1,
+    only: str | None = None,
     truths: Mapping[str, Truth] | None = None,
     watch: Watch | None = None,
     protocol: str = PAPER,
     unit: float = 1.0,
+    advance: Callable[..., None] | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Yield scores of methods on every `every`-th frame of each sequence.
+    """Yield scores of methods on every `every`-th frame of each sequence, or of `only`.
 
-    `unit` is as in `in_larger_view`.
+    `unit` is as in `in_larger_view`. `advance` is called with the number of frames of
+    all sequences so far; by default progress is shown.
     By default there are two truths: the prepared LiDAR cloud, and that cloud after its
     range image. A row's `frame` is the number of the radar frame in its recording.
     """
@@ -229,8 +230,16 @@ def score_records(
     }
     records, done, compiled = view.records, 0, set()
     scored = _scored(records, every)
-    with progress("scoring", sum(map(len, scored.values())), unit="frames") as show:
+    total = sum(map(len, scored.values()))
+    with (
+        progress("scoring", total, unit="frames")
+        if advance is None
+        else contextlib.nullcontext(advance)
+    ) as show:
         for number, (sequence, index) in enumerate(scored.items()):
+            if only not in (None, sequence):
+                done += len(index)
+                continue
             rows = score_frames(
                 jax.random.fold_in(key, number),
                 (MethodInput(records[i], pairs[i]) for i in index),

@@ -13,21 +13,24 @@ sent, and with `splat`, the same points smeared. The detector has the false-alar
 that is best on the scored frames, which favours it.
 """
 
+import contextlib
 import dataclasses
+import functools
 import tempfile
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from jradar import data
 from jradar.data import PrepareSpec, Records
+from jradar.data.sources import Source
 from jradar.errors import UsageError
 from jradar.evaluation.confidence import NO_POINTS
 from jradar.evaluation.detectors import (
-    OWN_POINTS,
     choose_rates,
     detector_methods,
     point_methods,
@@ -35,6 +38,7 @@ from jradar.evaluation.detectors import (
 from jradar.evaluation.methods import Method, Truth, ring_edges, score_rings
 from jradar.evaluation.records import (
     TRUTH,
+    Clouds,
     RecordsInView,
     check_view,
     drawn,
@@ -43,23 +47,48 @@ from jradar.evaluation.records import (
     surest_points,
 )
 from jradar.evaluation.scored import JUDGED, Score
+from jradar.evaluation.scores import Scores
 from jradar.evaluation.tables import pooled
 from jradar.lidar import LidarSpec
 from jradar.metrics import NEAR_M, near_truth
 from jradar.model import FrameGrid, Model, load_model
+from jradar.options.models import absolute_model
 from jradar.options.protocols import PAPER
 from jradar.pipeline import Pipeline, of_model
 from jradar.pipeline.warnings import InView
+from jradar.progress import progress
 from jradar.radar.angle.spectrum import azimuth_bins
 from jradar.range_image import VIEW
 from jradar.recordings import Recording
 from jradar.types import PointCloud
+from jradar.workers import run_jobs
 
 WHOLE = "whole LiDAR in view"
 DETECTORS = ("os",)
 SENT = "one that sends points"
 SCORED = ("test", "validation")  # splits of records, the first that there is
 OWN = ("codec", "validity_threshold", "history")  # fields that models may differ in
+
+
+class _Task(NamedTuple):
+    """What a process needs to score the sequences of some records."""
+
+    folder: Path | str
+    split: str | None
+    models: dict[str, str]  # names and places, as of `absolute_model`
+    seed: int
+    protocol: str
+    sources: Mapping[str, Source] = {}  # of recordings, none of records alone
+    rates: dict[str, float] = {}  # of false alarms, by detector
+
+
+class _Found(NamedTuple):
+    """The scores of one sequence, and the clouds of some of its frames."""
+
+    rows: Scores
+    clouds: Clouds
+    rings: Scores
+    judged: dict[str, list[tuple[np.ndarray, np.ndarray]]]  # confidence, what is right
 
 
 def score(
@@ -70,13 +99,17 @@ def score(
     frames: slice = slice(None),
     seed: int = 0,
     protocol: str = PAPER,
+    workers: int = 1,
+    scheduler: str | None = None,
     **opening: Any,
 ) -> Score:
     """Score models and the radar's points on recordings, or on one folder of records.
 
     `split` is that of records, by default test or else validation; `frames` selects
     frames of each recording, `protocol` is one of `jradar.options.protocols`, and
-    `opening` are keyword arguments of `open_recording`.
+    `opening` are keyword arguments of `open_recording`. Several recordings are scored
+    by `workers` or a `scheduler`, as in `run_jobs`; the machines of a cluster must see
+    the same files, also those in TMPDIR.
     Raises UsageError for models of other views or radar points than the first, for
     models of samples on points, and for records without the split; ValueError for
     recordings without LiDAR, of radars with other antennas, or in which no LiDAR point
@@ -85,50 +118,52 @@ def score(
     paths = [path] if isinstance(path, str | Path) else [*path]
     loaded = {str(name): load_model(name) for name in models}
     first = _alike(loaded)
+    folders = {name: absolute_model(name) for name in loaded}
     if any(map(data.is_records, paths)):
         if len(paths) > 1 or frames != slice(None):
             raise UsageError(
                 f"{len(paths)} paths, {frames=}: expected one folder of records, all "
                 "of whose frames are scored, or recordings"
             )
-        records = _records(paths[0], split)
+        folder, split = Path(paths[0]).absolute(), _split(paths[0], split)
+        task = _Task(folder, split, folders, seed, protocol)
+        records = Records(task.folder, task.split)
         check_view(first, records)
         data.pairs_of(first.spec, records)  # refuses a model that sees no points
-        methods = {name: drawn(model) for name, model in loaded.items()}
-        return _scored(records, loaded, methods, {}, seed, protocol)
+        return _scored(task, loaded, workers, scheduler)
     if split is not None:
         raise UsageError(f"{split=}: recordings have no splits, only records do")
-    view = {name: getattr(first.spec.frame_grid.view, name) for name in VIEW}
-    spec = PrepareSpec(points=first.spec.points, lidar=LidarSpec(**view))
     with tempfile.TemporaryDirectory() as scratch:
         sources = data.find_sources(paths, **opening)
-        recordings = {source.name: source.open() for source in sources}
-        if any(recording.of_points for recording in recordings.values()):
+        if any(source.open().of_points for source in sources):
             _check_points(first)
-        data.prepare_sources(sources, scratch, spec, frames=frames, workers=1)
+        data.prepare_sources(
+            sources,
+            scratch,
+            PrepareSpec(points=first.spec.points, lidar=_lidar(first)),
+            frames=frames,
+            workers=workers,
+            scheduler=scheduler,
+        )
+        task = _Task(scratch, None, folders, seed, protocol)
+        named = {source.name: source for source in sources}
+        return _scored(task._replace(sources=named), loaded, workers, scheduler)
 
-        def whole(frame):
-            recording = recordings[frame.prepared.sequence]
-            return data.lidar_in_view(recording, frame.prepared, spec.lidar)
 
-        methods = {
-            name: _recorded(model, recordings, seed) for name, model in loaded.items()
-        }
-        truths = {WHOLE: whole}
-        return _scored(Records(scratch), loaded, methods, truths, seed, protocol)
+def _lidar(model: Model) -> LidarSpec:
+    """Return the preparation of scans in the model's view."""
+    return LidarSpec(
+        **{name: getattr(model.spec.frame_grid.view, name) for name in VIEW}
+    )
 
 
-def _recorded(model: Model, recordings: dict[str, Recording], seed: int) -> Method:
+def _recorded(model: Model, recording: Recording, seed: int) -> Method:
     """Return the method that enhances a recorded frame, as `enhance_recording` does."""
-    pipelines: dict[str, Pipeline] = {}
+    pipeline = Pipeline(recording, model, seed=seed, anyway=True)
 
     def method(key, frame):
-        name, number = frame.prepared.sequence, frame.prepared.frame
-        recording = recordings[name]
-        if name not in pipelines:
-            pipelines[name] = Pipeline(recording, model, seed=seed, anyway=True)
-        measured, stamp_s = recording.frames[number], frame.prepared.stamp
-        return pipelines[name].frame(number, measured, stamp_s).cloud
+        number, stamp_s = frame.prepared.frame, frame.prepared.stamp
+        return pipeline.frame(number, recording.frames[number], stamp_s).cloud
 
     return method
 
@@ -170,46 +205,97 @@ def _seen(model: Model) -> dict[str, Any]:
     return found
 
 
-def _records(folder: Path | str, split: str | None) -> Records:
+def _split(folder: Path | str, split: str | None) -> str:
     """Return the split of records that is scored, or say how to get it."""
     there = {sequence["split"] for sequence in Records(folder).sequences}
-    found = split or next((name for name in SCORED if name in there), None)
+    found = split or next((name for name in SCORED if name in there), "")
     if found not in there:
         wanted = split or " or ".join(SCORED)
         raise UsageError(
             f"{folder} has no {wanted} frames, only {', '.join(sorted(there))}: "
             "prepare it again with --test NAME or --validation NAME, or choose --split"
         )
-    return Records(folder, found)
+    return found
 
 
-def _scored(records, models, answers, truths, seed, protocol) -> Score:
-    """Return the scores of the radar's points and of the models' answers on records."""
-    first: Model = next(iter(models.values()))
-    grid = first.spec.frame_grid
-    view = RecordsInView(records, grid.view)
-    if not any(len(records[i].lidar_xyz) for i in range(len(records))):
+def _scored(
+    task: _Task, models: dict[str, Model], workers: int, scheduler: str | None
+) -> Score:
+    """Return the scores of the radar's points and of models on records."""
+    records, first = Records(task.folder, task.split), next(iter(models.values()))
+    view = RecordsInView(records, first.spec.frame_grid.view)
+    if not any(len(frame.lidar_xyz) for frame in records):
         raise ValueError(
             f"none of {len(records)} frames has a LiDAR point that the radar could "
             "have seen: are the poses of the sensors and their clocks right? `jradar "
             "prepare --preview` draws a frame of them"
         )
-    rates: dict[str, float] = {}
-    if records.of_points:
-        methods = point_methods(view)
-    else:
-        rates = choose_rates(view, records, detectors=DETECTORS)
-        methods = detector_methods(view, rates)
-    methods = {k: _compared(method, grid) for k, method in (methods | answers).items()}
-    edges, rings, judged = ring_edges(grid.view.max_range_m), [], {}
-    near_m = grid.near_m
     sent = InView(first)
+    if records.of_points:
+        for frame in records:
+            sent.add(frame.radar)
+    else:
+        task = task._replace(rates=choose_rates(view, records, detectors=DETECTORS))
+    counts = Counter(name for name, _ in records.where)
+    found, workers = dict[str, _Found](), min(workers, len(counts))
+    here = scheduler is None and workers == 1
+    with progress("scoring", len(records), unit="frames") as show:
+        held = {"models": models, "advance": show} if here else {}
+        call = functools.partial(_score_sequence, task, **held)
+        jobs = run_jobs(call, [*counts], workers=workers, scheduler=scheduler)
+        with contextlib.closing(jobs):
+            for name, part in jobs:
+                found[name] = part
+                show(sum(counts[name] for name in found), name)
+    parts = [found[name] for name in counts]
+    rows = [row for part in parts for row in part.rows]
+    return Score(
+        records=dict(counts),
+        radar=SENT if records.of_points else records.radar.name,
+        models=tuple(models),
+        rows=rows,
+        rings=[ring for part in parts for ring in part.rings],
+        confidence=_joined(part.judged for part in parts),
+        clouds={key: cloud for part in parts for key, cloud in part.clouds.items()},
+        view=view,
+        notes=(*sent.warnings(), *_notes(records, models, task.rates, rows)),
+        protocol=task.protocol,
+        near_m=first.spec.frame_grid.near_m,
+    )
+
+
+def _score_sequence(
+    task: _Task,
+    sequence: str,
+    *,
+    models: dict[str, Model] | None = None,
+    advance: Callable[..., None] | None = None,
+) -> _Found:
+    """Return the scores of a sequence; another process loads the models itself."""
+    models = models or {k: load_model(place) for k, place in task.models.items()}
+    records, first = Records(task.folder, task.split), next(iter(models.values()))
+    grid = first.spec.frame_grid
+    view, near_m = RecordsInView(records, grid.view), grid.near_m
+    answers = {name: drawn(model) for name, model in models.items()}
+    truths: dict[str, Truth] = {
+        TRUTH: lambda frame: np.asarray(frame.prepared.lidar_xyz)
+    }
+    if task.sources:
+        recording = task.sources[sequence].open()
+        answers = {k: _recorded(m, recording, task.seed) for k, m in models.items()}
+        lidar = _lidar(first)
+        truths[WHOLE] = lambda frame: data.lidar_in_view(
+            recording, frame.prepared, lidar
+        )
+    if records.of_points:
+        methods = point_methods(view) | answers
+    else:
+        methods = detector_methods(view, task.rates) | answers
+    edges, rings, judged = ring_edges(grid.view.max_range_m), [], {}
 
     def watch(frame, row, cloud, truth):
         if row["truth"] != TRUTH:
             return
-        if row["method"] == OWN_POINTS:
-            sent.add(frame.prepared.radar)
         points = surest_points(cloud)
         about = {name: row[name] for name in ("scene", "sequence", "frame", "method")}
         rings.extend(
@@ -220,38 +306,37 @@ def _scored(records, models, answers, truths, seed, protocol) -> Score:
             right = near_truth(points[:, :3], truth, within_m=near_m)
             judged.setdefault(row["method"], []).append((points[:, 3], right))
 
-    seen = {TRUTH: lambda frame: np.asarray(frame.prepared.lidar_xyz), **truths}
     rows, clouds = score_and_keep(
-        jax.random.key(seed),
+        jax.random.key(task.seed),
         view,
         [None] * len(records),  # no method needs images
-        methods,
-        truths={name: _compared_truth(truth, grid) for name, truth in seen.items()},
+        {name: _compared(method, grid) for name, method in methods.items()},
+        only=sequence,
+        truths={name: _compared_truth(truth, grid) for name, truth in truths.items()},
         watch=watch,
-        protocol=protocol,
-        unit=near_m / NEAR_M if protocol == PAPER else 1.0,
+        protocol=task.protocol,
+        unit=near_m / NEAR_M if task.protocol == PAPER else 1.0,
+        advance=advance or (lambda *_: None),
     )
-    names = [name for name, _ in records.where]
-    return Score(
-        records={name: names.count(name) for name in dict.fromkeys(names)},
-        radar=SENT if records.of_points else records.radar.name,
-        models=tuple(models),
-        rows=rows,
-        rings=rings,
-        confidence={
-            name: (
-                np.concatenate([confidence for confidence, _ in parts]),
-                np.concatenate([right for _, right in parts]),
-            )
-            for name, parts in judged.items()
-            if any(len(right) for _, right in parts)
-        },
-        clouds=clouds,
-        view=view,
-        notes=(*sent.warnings(), *_notes(records, models, rates, rows)),
-        protocol=protocol,
-        near_m=near_m,
-    )
+    return _Found(rows, clouds, rings, judged)
+
+
+def _joined(
+    judged: Iterable[dict[str, list[tuple[np.ndarray, np.ndarray]]]],
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return the confidence of all points, and which are right, by the model's name."""
+    parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for found in judged:
+        for name, frames in found.items():
+            parts.setdefault(name, []).extend(frames)
+    return {
+        name: (
+            np.concatenate([confidence for confidence, _ in frames]),
+            np.concatenate([right for _, right in frames]),
+        )
+        for name, frames in parts.items()
+        if any(len(right) for _, right in frames)
+    }
 
 
 def _compared(method: Method, grid: FrameGrid) -> Method:

@@ -13,7 +13,7 @@ be distinguished if the drift could have led from one to the other.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,23 +53,33 @@ class Loop(NamedTuple):
 
 
 def close_loops(
-    clouds: Sequence[Float[np.ndarray, "point 3"]], poses: Transforms
+    clouds: Sequence[Float[np.ndarray, "point 3"]],
+    poses: Transforms,
+    *,
+    advance: Callable[[float], None] = lambda share: None,
 ) -> tuple[Transforms, list[Loop]]:
     """Return poses of the frames in which loops are closed, and the loops.
 
     The clouds are in metres, in the frame of their poses, and hold what stands still.
-    The first pose stays. Without a loop the poses are those that were given. Raises
-    ImportError without the extra `loops`.
+    The first pose stays. Without a loop the poses are those that were given. `advance`
+    is called with the share that is done, 0 to 1. Raises ImportError without the extra
+    `loops`.
     """
     path = path_lengths(poses[:, :3, 3])
     if path[-1] < APART_M:
         return poses, []
     nodes = np.unique(np.searchsorted(path, np.arange(0, path[-1], STEP_M)))
-    places = [_place(clouds, poses, path, node) for node in nodes]
+    places, parts = [], (1 + ROUNDS) * len(nodes)
+    for done, node in enumerate(nodes, 1):
+        places.append(_place(clouds, poses, path, node))
+        advance(done / parts)
     along, first = path[nodes], poses[nodes]
     found, loops = first, []
-    for _ in range(ROUNDS):
-        loops = [*_loops(places, along, found)]
+    for number in range(1, 1 + ROUNDS):
+        loops = []
+        for done in range(len(nodes)):
+            loops += _loops(done, places, along, found)
+            advance((number * len(nodes) + done + 1) / parts)
         if not loops:
             return poses, []
         found = _optimised(first, loops)
@@ -108,19 +118,18 @@ def _place(clouds, poses, path, node):
     return (points, gicp.KdTree(points)) if points.size() >= FEWEST_POINTS else None
 
 
-def _loops(places, along, poses):
-    """Yield the loops of nodes that may be near each other."""
-    for source in range(len(poses)):
-        before = np.flatnonzero(along[source] - along >= APART_M)
-        away = np.linalg.norm(poses[before, :3, 3] - poses[source, :3, 3], axis=1)
-        near = away <= NEAR_M + DRIFT * (along[source] - along[before])
-        for target in before[near][np.argsort(away[near])[:NEAREST]]:
-            if places[source] is None or places[target] is None:
-                continue
-            guess = np.linalg.inv(poses[target]) @ poses[source]
-            at, share = _registered(places[target], places[source], guess)
-            if share >= LEAST_SHARE:
-                yield Loop(int(target), source, at, share)
+def _loops(source, places, along, poses):
+    """Yield the loops from a node to earlier ones that may be near it."""
+    before = np.flatnonzero(along[source] - along >= APART_M)
+    away = np.linalg.norm(poses[before, :3, 3] - poses[source, :3, 3], axis=1)
+    near = away <= NEAR_M + DRIFT * (along[source] - along[before])
+    for target in before[near][np.argsort(away[near])[:NEAREST]]:
+        if places[source] is None or places[target] is None:
+            continue
+        guess = np.linalg.inv(poses[target]) @ poses[source]
+        at, share = _registered(places[target], places[source], guess)
+        if share >= LEAST_SHARE:
+            yield Loop(int(target), source, at, share)
 
 
 def _registered(target, source, guess):

@@ -22,8 +22,14 @@ from jradar.mapping.predict import (
 )
 from jradar.mapping.voxel_map import SensorModel, VoxelMap
 from jradar.model import ColumnGrid, Model
-from jradar.motion import ego_velocity, frame_velocities, odometry
+from jradar.motion import (
+    ego_velocity,
+    frame_velocities,
+    odometry,
+    write_tum,
+)
 from jradar.motion.attitude import within_poses
+from jradar.motion.trajectory import Trajectory
 from jradar.outputs.clouds import write_ply
 from jradar.pipeline import chosen_frames, detect_recording
 from jradar.radar import PointSpec
@@ -37,7 +43,10 @@ JUMP_MPS = 3.0  # larger changes of velocity from frame to frame show that poses
 SHORTEST_M = 1.0  # of a path that shows a place from several sides
 FEWEST = 10  # frames of a map
 BAND_M = (-0.3, 0.6)  # below and above the radar's path: what stands in a robot's way
-FILES = ("map.ply", "radar_map.ply", "grid.pgm", "grid.yaml", "map.json", "map.png")
+FILES = (
+    *("map.ply", "radar_map.ply", "grid.pgm", "grid.yaml", "map.json", "map.png"),
+    "trajectory.tum",  # of frames with times
+)
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # grey values of ROS's map_server
 
 Points = Float[np.ndarray, "point 3"]
@@ -50,9 +59,16 @@ class RecordingMap(NamedTuple):
     radar: Occupied
     enhanced: Occupied
     free: np.ndarray  # voxels [voxel, 3] that the radar looked through
-    path: Float[np.ndarray, "frame 3"]  # metres, of the radar
+    poses: Float[np.ndarray, "frame 4 4"]  # of the radar, with loops closed
     notes: tuple[str, ...]
     interrupted: bool = False  # by Ctrl-C, so that later frames are missing
+    stamps: Float[np.ndarray, " frame"] | None = None  # of the poses, in seconds
+    base_from_radar: Float[np.ndarray, "4 4"] | None = None  # None is unknown
+
+    @property
+    def path(self) -> Float[np.ndarray, "frame 3"]:
+        """Places of the radar in metres."""
+        return self.poses[:, :3, 3]
 
     def describe(self) -> dict[str, Any]:
         """Return the sizes of both maps."""
@@ -82,7 +98,7 @@ def map_recording(
     points: PointSpec = POINTS,
     rotation: str | None = None,
     loops: bool = False,
-    advance: Callable[[int], None] = lambda done: None,
+    advance: Callable[..., None] = lambda done, note="": None,
 ) -> RecordingMap:
     """Return the maps of a recording's frames; host.
 
@@ -125,9 +141,14 @@ def map_recording(
         yield from () if found is None else found.warnings
         yield from notes
 
-    return map_clouds(
+    mapped = map_clouds(
         map(still, clouds), poses, model, notes=said(), loops=loops, advance=advance
     )
+    stamps = recording.frames.stamps
+    if stamps is not None:
+        middle = np.asarray(stamps)[list(chosen)] + recording.frame_middle_s
+        stamps = middle[: len(mapped.poses)]
+    return mapped._replace(stamps=stamps, base_from_radar=recording.base_from_radar)
 
 
 def map_clouds(
@@ -137,13 +158,14 @@ def map_clouds(
     *,
     notes: Iterable[str] = (),
     loops: bool = False,
-    advance: Callable[[int], None] = lambda done: None,
+    advance: Callable[..., None] = lambda done, note="": None,
 ) -> RecordingMap:
     """Return the maps of clouds, each in the frame of its sensor's pose; host.
 
     Ctrl-C ends the walk there: the maps are those of the clouds until then, and a note
-    says so. With `loops`, all clouds are held until their poses are known. Raises
-    UsageError where no point is within the sensor model's range.
+    says so. With `loops`, all clouds are held until their poses are known. `advance` is
+    called with the number of clouds so far and, while loops are closed, with a note.
+    Raises UsageError where no point is within the sensor model's range.
     """
     grid = column_grid(model)
     voxels, done = VoxelMap(SensorModel(voxel_m=grid.voxel_m)), 0
@@ -162,7 +184,14 @@ def map_clouds(
         notes.append(f"interrupted: the map shows {done} of {len(poses)} frames")
         poses = poses[:done]
     if loops:
-        poses, note = _closed(held, poses)
+
+        def share(done: float) -> None:
+            advance(len(poses), f"closing loops, {100 * done:.0f} %")
+
+        try:
+            poses, note = _closed(held, poses, share)
+        except KeyboardInterrupt:
+            note, ended_early = "interrupted: the loops are not closed", True
         notes.append(note)
         for xyz, pose in zip(held, poses, strict=True):
             voxels.add(xyz, pose)
@@ -172,17 +201,16 @@ def map_clouds(
             f"no points within {voxels.sensor.max_range_m:g} m in these frames, "
             "expected some to make a map of"
         )
-    path = poses[:, :3, 3]
-    start = int(np.floor(path[0, 2] / grid.voxel_m))
+    start = int(np.floor(poses[0, 2, 3] / grid.voxel_m))
     likely = enhance_map(occupied.voxels, model, start_height=start)
     enhanced = expected(likely)
-    maps = grid, occupied, enhanced, voxels.free(), path
-    return RecordingMap(*maps, tuple(notes), ended_early)
+    maps = grid, occupied, enhanced, voxels.free()
+    return RecordingMap(*maps, poses, tuple(notes), ended_early)
 
 
-def _closed(clouds, poses):
+def _closed(clouds, poses, advance):
     """Return poses in which loops are closed, and a note on them."""
-    closed, loops = close_loops(clouds, poses)
+    closed, loops = close_loops(clouds, poses, advance=advance)
     if not loops:
         return poses, "no loop was found: the poses stay as they are"
     moved = float(np.linalg.norm(closed[-1, :3, 3] - poses[-1, :3, 3]))
@@ -250,7 +278,12 @@ def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
     """Return the function that writes each of FILES, by name."""
     text = json.dumps(found.describe() | {"notes": found.notes}, indent=2) + "\n"
     grid, corner = occupancy_grid(found)
-    return {
+    timed = {}
+    if found.stamps is not None:
+        mount = np.eye(4) if found.base_from_radar is None else found.base_from_radar
+        trajectory = Trajectory(found.stamps, found.poses, mount)
+        timed = {"trajectory.tum": lambda path: write_tum(path, trajectory)}
+    return timed | {
         "map.ply": lambda path: _write_voxels(path, found.enhanced, found.grid),
         "radar_map.ply": lambda path: _write_voxels(path, found.radar, found.grid),
         "grid.pgm": lambda path: _write_pgm(path, grid),

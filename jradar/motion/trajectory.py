@@ -25,7 +25,7 @@ from jradar.options.recordings import ROTATIONS
 from jradar.recordings import Recording
 
 STEEP = 0.1  # height over distance; walks are rarely steeper
-COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
+COMMENT = "# jradar trajectory: stamp x y z qx qy qz qw"
 
 
 class Trajectory(NamedTuple):

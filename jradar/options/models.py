@@ -18,3 +18,12 @@ def shipped_models() -> dict[str, Path]:
     """Return the folders of the models that come with the package, by name."""
     found = sorted(path.parent for path in WEIGHTS.glob("*/model.json"))
     return {folder.name: folder for folder in found}
+
+
+def absolute_model(name: Path | str) -> str:
+    """Return a model's folder as an absolute path, and a shipped model's name as it is.
+
+    Both name the same model in a process that runs in another folder.
+    """
+    shipped = str(name) in shipped_models()
+    return str(name) if shipped else str(Path(name).absolute())

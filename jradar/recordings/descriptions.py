@@ -88,7 +88,9 @@ DESCRIPTIONS = (
 def is_description(path: Path | str) -> bool:
     """Return whether a file, or a configuration in a log, may describe a radar."""
     file = Path(str(path).partition("#")[0])
-    return file.suffix in SIGNS and file.is_file()
+    if file.suffix not in SIGNS or not file.is_file():
+        return False
+    return file.suffix != ".csv" or _describes_radar(file)  # or a table of points
 
 
 def read_description(path: Path | str, *, device: str | None = None) -> Description:

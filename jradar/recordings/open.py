@@ -14,7 +14,7 @@ from jradar.files import open_file
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
 from jradar.recordings.coloradar import sequence
-from jradar.recordings.points import bags, formats, oculii
+from jradar.recordings.points import bags, formats, oculii, tables
 from jradar.recordings.recording import Recording, Stream, need_samples, read
 from jradar.recordings.ti import dca1000, packet_trace
 
@@ -71,6 +71,7 @@ def open_recording(
             return bags.open_points_bag(path, topic=topic)
         if path.is_dir():
             _refuse_folder(path)
+        tables.refuse(path)
     recording = read(
         path,
         READERS,

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,13 +56,13 @@ def table(folder):
 def test_a_recording_that_fails_is_named_and_the_others_go_on(walks, tmp_path, capsys):
     assert main(command(walks, "-o", "out", "--json")) == several.FAILED
     shown, err = capsys.readouterr()
-    assert "broken: " in err and "of no known format" in err
+    assert "broken: " in err and "has the columns x, y, z, expected a radar" in err
     found = json.loads(shown)
     assert (found["recordings"], found["failed"]) == (4, 1)
     assert found["notes"][0].startswith("3 recordings: the radar's place on the base")
     rows = table(tmp_path / "out")
     assert [*rows] == ["broken", "walk_0", "walk_1", "walk_2"]
-    assert "of no known format" in rows["broken"]["error"]
+    assert "has the columns x, y, z, expected" in rows["broken"]["error"]
     assert float(rows["walk_1"]["distance (m)"]) == pytest.approx(0.3, abs=0.01)
     assert rows["walk_1"]["warnings"] == "1" and not rows["walk_1"]["error"]
     one = main(["odometry", str(walks / "walk_1.csv"), "-o", "one.tum"])
@@ -194,7 +195,7 @@ def test_own_files_of_users_are_kept(walks, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_cluster_does_what_a_killed_worker_leaves(walks, tmp_path):
-    """Two worker processes of Dask, one of which is killed in the middle."""
+    """Two worker processes of Dask in another folder; one is killed in the middle."""
     pytest.importorskip("distributed")
     for n in range(40):
         walk(walks / f"walk_{n}.csv", n)
@@ -203,16 +204,17 @@ def test_a_cluster_does_what_a_killed_worker_leaves(walks, tmp_path):
     assert scheduler.stdout is not None
     address = scheduler.stdout.readline().strip()
     begin = [sys.executable, "-c", WORKER, address]
-    workers = [subprocess.Popen(begin) for _ in range(2)]
+    (tmp_path / "elsewhere").mkdir()
+    workers = [subprocess.Popen(begin, cwd="elsewhere") for _ in range(2)]
     try:
         run = [
             sys.executable,
             "-m",
             "jradar.cli",
             "odometry",
-            *map(str, walks.iterdir()),
+            *map(str, Path("walks").iterdir()),
         ]
-        run += ["--scheduler", address, "-o", str(tmp_path / "out")]
+        run += ["--scheduler", address, "-o", "out"]
         ours = subprocess.Popen(run, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         listed = tmp_path / "out" / "recordings.json"
         until = time.monotonic() + 120

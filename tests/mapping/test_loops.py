@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from jradar.mapping import close_loops, map_clouds
+from jradar.mapping import close_loops, map_clouds, recording
 from jradar.mapping.loops import path_lengths
 from tests.models import tiny_map_model
 
@@ -147,14 +147,30 @@ def test_a_map_of_a_walk_with_drift_has_its_walls_once():
     poses, model = drifting(truth, yaw_deg_per_m=0.15), tiny_map_model()
     right = KDTree(map_clouds(clouds, truth, model).radar.voxels)
 
+    said = []
+
     def share(*, loops):
         """The share of voxels within 0.3 m of those of the true poses, and notes."""
-        found = map_clouds(clouds, poses, model, loops=loops)
+        options = {"loops": loops, "advance": lambda *shown: said.append(shown)}
+        found = map_clouds(clouds, poses, model, **options)
         return (right.query(found.radar.voxels)[0] <= 2).mean(), found.notes
 
     (twice, nothing), (once, notes) = share(loops=False), share(loops=True)
     assert twice < 0.85 and once > 0.95
     assert not nothing and "loops were closed" in notes[0]
+    assert said[-1] == (len(poses), "closing loops, 100 %")
+
+
+def test_ctrl_c_while_loops_are_closed_keeps_the_map(monkeypatch):
+    truth, clouds = walk(20, walls(0))
+    monkeypatch.setattr(recording, "close_loops", interrupted)
+    found = map_clouds(clouds, truth, tiny_map_model(), loops=True)
+    assert found.interrupted and len(found.radar.voxels)
+    assert found.notes == ("interrupted: the loops are not closed",)
+
+
+def interrupted(*_, **__):
+    raise KeyboardInterrupt
 
 
 def test_a_straight_walk_says_that_there_is_no_loop():

@@ -12,6 +12,7 @@ from jradar import mapping, open_recording
 from jradar.errors import UsageError, first_interrupt_noted
 from jradar.lidar import Poses
 from jradar.recordings import Recording, Stream
+from jradar.recordings.text_files import read_tum
 from jradar.types import PointCloud
 from tests.models import tiny_map_model
 from tests.recordings.small_sequence import write_sequence
@@ -43,6 +44,17 @@ def test_a_map_stands_in_the_world_of_the_recorded_poses(recording):
     np.testing.assert_allclose(np.ptp(near.path, axis=0), (1.1, 0, 0), atol=1e-3)
     moved = far.radar.voxels.mean(0) - near.radar.voxels.mean(0)
     np.testing.assert_allclose(moved * near.grid.voxel_m, (39.9, 0, 0), atol=0.1)
+
+
+def test_the_trajectory_of_the_base_is_written(recording, tmp_path):
+    mount = np.eye(4)
+    mount[:3, 3] = 0.0, 0.2, 1.0
+    found = mapped(recording._replace(base_from_radar=mount), 0.1)
+    mapping.map_files(found)["trajectory.tum"](tmp_path / "t.tum")
+    poses = read_tum(tmp_path / "t.tum")
+    np.testing.assert_allclose(poses.stamps, found.stamps, atol=1e-6)
+    steps = poses.xyz - found.path
+    np.testing.assert_allclose(steps, np.tile((0, -0.2, -1), (FRAMES, 1)), atol=1e-6)
 
 
 def test_without_poses_doppler_gives_the_path(recording):

@@ -10,6 +10,7 @@ confidence, which the clouds have that jradar draws. Poses are of the radar.
 """
 
 import re
+import textwrap
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,11 +18,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from jradar.errors import parsing
+from jradar.errors import UsageError, parsing
 from jradar.files import check_unpacked, open_file
 from jradar.recordings.clouds.pcd import MAX_HEADER
 from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.points.fields import (
+    OURS,
     are_points,
     are_radar_points,
     match_fields,
@@ -36,6 +38,7 @@ FRAME = ("frame", "frame number", "frame_number", "frame_id", "frame_index", "sc
 TIME = ("timestamp", "time", "stamp", "stamp_s", "t", "time_s")
 UNITS = ((1e11, 1.0), (1e14, 1e3), (1e17, 1e6), (np.inf, 1e9))  # of a time, by its size
 LONGEST_FRAME_S = 1.0
+SHOWN = 100  # letters of names of columns
 EPOCH_S = 1e9  # a larger number in a file's name is a time
 
 
@@ -80,6 +83,26 @@ def _holds_several(path: Path, names: Iterable[str]) -> bool:
     frames = _file(path)
     apart = frames.stamps is not None and np.ptp(frames.stamps) > LONGEST_FRAME_S
     return len(frames) > 1 and (apart or not plain.isdisjoint(FRAME))
+
+
+def refuse(path: Path) -> None:
+    """Raise UsageError for a file of columns that are not a radar's; else do nothing.
+
+    Raises ValueError for a damaged one.
+    """
+    if path.suffix not in SUFFIXES:
+        return
+    names = _names(path)
+    shown = textwrap.shorten(", ".join(names), SHOWN, placeholder=" ..")
+    if OURS in names:
+        raise UsageError(
+            f"{path} has the column {OURS}, as the clouds that jradar draws: expected "
+            "points that a radar sent"
+        )
+    raise UsageError(
+        f"{path} has {f'the columns {shown}' if shown else 'no columns'}, expected a "
+        "radar's: x, y and z, or range and azimuth, with velocity, snr, rcs or power"
+    )
 
 
 READER = Format(
