@@ -68,9 +68,10 @@ MAP = """
 
 Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
 that a LiDAR would have made, with the confidence of each voxel; radar_map.ply, the
-radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a picture. With
---loops, poses are corrected where the walk comes back, which takes a few times as long.
-Ctrl-C ends the walk and writes the maps of the frames until then."""
+radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); the poses of the map
+(trajectory.tum); and a picture. With --loops, poses are corrected where the walk comes
+back, which takes a few times as long. Ctrl-C ends the walk and writes the maps of the
+frames until then."""
 FINETUNE = """\
 RECORDS hold a train and a validation split: see --validation of `jradar prepare`.
 The same command resumes a run that was stopped. `--model DIR` then uses the model."""

@@ -47,8 +47,7 @@ class Detected(NamedTuple):
     points: PointCloud
     detected: int  # cells that the detector marked
     dropped: int  # of them, the weakest, for which the cloud has no room
-    check: SampleCheck  # of the samples as they were recorded
-    saturated: int  # numbers at the end of the converter's scale
+    recorded: Inexact[np.ndarray, "tx rx chirp sample"]  # as they were read
 
     confidence: None = None  # detections have none of these
     unlikeness: None = None
@@ -59,14 +58,19 @@ class Detected(NamedTuple):
         """True if the detector found nothing."""
         return not np.asarray(self.points.valid).any()
 
+    def check(self) -> SampleCheck:
+        """Return what the recorded samples look like; takes longer than to detect."""
+        return check_samples(self.recorded)
+
     def describe(self, radar: RadarSpec) -> dict[str, Any]:
         """Return the numbers of points, the noise and the strongest echoes."""
+        numbers = self.recorded.size * (1 + np.iscomplexobj(self.recorded))
         return {
             "frame": self.number,
             "points": int(np.asarray(self.points.valid).sum()),
             "detected": self.detected,
             "dropped": self.dropped,
-            "saturated": self.saturated,
+            "saturated": round(self.check().share * numbers),
             "noise": _noise(noise_statistics(self.power, radar)),
             "echoes": [e._asdict() for e in strongest_echoes(self.points, radar)],
         }
@@ -106,8 +110,7 @@ class Detection(Iterator[Detected]):
                 observed = self._stages.observe(cube)
                 power, _ = self._stages.detections(observed)
                 assert observed.samples is not None and observed.detected is not None
-                check, detected = check_samples(cube), int(observed.detected)
-                numbers = cube.size * (1 + np.iscomplexobj(cube))
+                detected = int(observed.detected)
                 yield Detected(
                     number=number,
                     stamp_s=stamp_s(self.recording, number),
@@ -116,8 +119,7 @@ class Detection(Iterator[Detected]):
                     points=observed.points,
                     detected=detected,
                     dropped=max(detected - self.spec.capacity, 0),
-                    check=check,
-                    saturated=round(check.share * numbers),
+                    recorded=cube,
                 )
 
     def _read(self, number: int):
@@ -172,11 +174,11 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
         threads.submit(importlib.import_module, "scipy.special")  # for the noise; slow
         detections = [*threads.map(lambda kind: Detection(checked, kind, one), kinds)]
     (seen,), *moving = detections
-    shown = seen.describe(radar)
+    shown, check = seen.describe(radar), seen.check()
     found: dict[str, Any] = {
         "frame": frame,
-        "largest sample": seen.check.largest,
-        "share at full scale": seen.check.share,
+        "largest sample": check.largest,
+        "share at full scale": check.share,
         "noise": shown["noise"],
         "echoes": shown["echoes"],
     }
