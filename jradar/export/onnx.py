@@ -31,7 +31,7 @@ from jradar.types import PointCloud
 
 ONNX = ".onnx"
 FORMAT = "jradar onnx 1"
-OPSET = 23  # that ONNX Runtime 1.32 and OpenVINO 2026.4 know
+OPSET = 21  # of 2024; the lowest with the GroupNormalization that jax2onnx writes
 OUTPUTS = "xyz", "valid", "velocity", "confidence"
 INPUTS = {
     "xyz": "metres, x forward, y left, z up",
