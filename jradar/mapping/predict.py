@@ -101,30 +101,64 @@ def enhance_map(radar: Voxels, model: Model, *, start_height: int = 0) -> Occupi
     taper = np.minimum.outer(ramp, ramp).astype(np.float32)
     border = (TILE - STRIDE) // 2
     weights = np.zeros(counts * STRIDE + 2 * border, np.float32)  # of each column
-    voxels, parts = list[np.ndarray](), list[np.ndarray]()
-    for row, column in np.ndindex(*counts):
-        x, y = (low[:2] + (row * STRIDE, column * STRIDE) - border).tolist()
-        inside = (radar[:, :2] >= (x, y)).all(1) & (
-            radar[:, :2] < (x + TILE, y + TILE)
-        ).all(1)
-        if not inside.any():
-            continue
-        near = radar[inside]
-        z = middle_height(near) - grid.heights // 2
-        relative = near - (0, 0, start_height)
-        image = condition_columns(
-            relative, (x, y, z - start_height), (TILE, TILE), grid, observed=None
-        )
-        share = _probability(image, model)
-        cells = np.argwhere(share > LEAST)
-        first = row * STRIDE, column * STRIDE
-        weights[first[0] : first[0] + TILE, first[1] : first[1] + TILE] += taper
-        voxels.append(cells + (x, y, z))
-        parts.append(share[tuple(cells.T)] * taper[cells[:, 0], cells[:, 1]])
-    unique, index = np.unique(np.concatenate(voxels), axis=0, return_inverse=True)
-    total = np.bincount(index.ravel(), np.concatenate(parts))
+    found = _Sums()
+    for row in range(counts[0]):
+        for column in range(counts[1]):
+            first = np.array([row, column]) * STRIDE
+            x, y = (low[:2] + first - border).tolist()
+            inside = (radar[:, :2] >= (x, y)).all(1) & (
+                radar[:, :2] < (x + TILE, y + TILE)
+            ).all(1)
+            if not inside.any():
+                continue
+            near = radar[inside]
+            z = middle_height(near) - grid.heights // 2
+            relative = near - (0, 0, start_height)
+            image = condition_columns(
+                relative, (x, y, z - start_height), (TILE, TILE), grid, observed=None
+            )
+            share = _probability(image, model)
+            cells = np.argwhere(share > LEAST)
+            weights[first[0] : first[0] + TILE, first[1] : first[1] + TILE] += taper
+            weighted = share[tuple(cells.T)] * taper[cells[:, 0], cells[:, 1]]
+            found.add(cells + (x, y, z), weighted)
+        found.settle(low[0] + (row + 1) * STRIDE - border)  # where the next ones begin
+    unique, total = found.result()
     columns = unique[:, :2] - low[:2] + border
     return likely_first(unique, total / weights[tuple(columns.T)])
+
+
+class _Sums:
+    """Sums of values by voxel, of which those before some x are settled early.
+
+    A whole map's voxels at once would take several times the memory.
+    """
+
+    def __init__(self):
+        self._settled = list[tuple[np.ndarray, np.ndarray]]()
+        self._voxels, self._values = list[np.ndarray](), list[np.ndarray]()
+
+    def add(self, voxels: np.ndarray, values: np.ndarray) -> None:
+        """Add values, each to its voxel."""
+        self._voxels.append(voxels.astype(np.int32))
+        self._values.append(values)
+
+    def settle(self, x: int | None = None) -> None:
+        """Sum the voxels before x, which get no more values; by default all."""
+        if not self._voxels:
+            return
+        voxels, values = np.concatenate(self._voxels), np.concatenate(self._values)
+        done = np.ones(len(voxels), bool) if x is None else voxels[:, 0] < x
+        self._voxels, self._values = [voxels[~done]], [values[~done]]
+        unique, index = np.unique(voxels[done], axis=0, return_inverse=True)
+        total = np.bincount(index.ravel(), values[done], minlength=len(unique))
+        self._settled.append((unique, total))
+
+    def result(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return each voxel once, in the order of x, y and z, and its sum."""
+        self.settle()
+        voxels, total = zip(*self._settled, strict=True)
+        return np.concatenate(voxels), np.concatenate(total)
 
 
 def likely_first(voxels: Voxels, probability: Float[np.ndarray, " voxel"]) -> Occupied:

@@ -368,3 +368,21 @@ def test_where_tiles_overlap_the_probability_is_their_mean(model, monkeypatch):
     radar = np.array([[0, 0, 0], [predict.STRIDE + 3, 5, 0]])
     found = mapping.enhance_map(radar, model)
     np.testing.assert_allclose(found.probability, 0.4, rtol=1e-5)
+
+
+def test_a_map_settled_row_by_row_equals_the_one_made_at_once(model, monkeypatch):
+    rng = np.random.default_rng(3)
+    radar = np.unique(rng.integers((0, 0, 0), (250, 150, 6), (400, 3)), axis=0)
+    found = mapping.enhance_map(radar, model)
+    settle, early = predict._Sums.settle, []
+
+    def at_the_end(sums, x=None):
+        early.append(x)
+        if x is None:
+            settle(sums)
+
+    monkeypatch.setattr(predict._Sums, "settle", at_the_end)
+    at_once = mapping.enhance_map(radar, model)
+    assert len(early) == 5 and len(found.voxels) > 1000
+    np.testing.assert_array_equal(found.voxels, at_once.voxels)
+    np.testing.assert_array_equal(found.probability, at_once.probability)
