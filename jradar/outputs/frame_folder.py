@@ -213,8 +213,7 @@ def _azimuth_program(radar: RadarSpec) -> Callable[..., Any]:
 
     kind = jnp.float32 if radar.real_samples else jnp.complex64
     samples = jax.ShapeDtypeStruct(radar.cube_shape, kind)
-    stages = ["azimuths"]
-    found = programs.ready(samples, "azimuths", radar, stages=stages, trace=trace)
+    found = programs.ready(samples, "azimuths", radar, trace=trace)
     _viz()
     return found["azimuths"]
 

@@ -16,7 +16,7 @@ import json
 import os
 import sys
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -61,21 +61,20 @@ class Program(NamedTuple):
 def ready(
     arguments: Any,
     *options: Any,
-    stages: Collection[str],
     trace: Callable[[], Iterator[tuple[str, Program]]],
 ) -> Compiled:
     """Return compiled programs by name: of this process, an earlier one, or traced now.
 
-    `trace` yields the names in `stages` and `traced` programs. Saved programs are found
-    by the shapes and types of `arguments` and the `repr` of `options`. Those that lack
-    a stage, or that XLA refuses, are traced again and replaced.
+    `trace` yields names and `traced` programs, whose names follow from the arguments.
+    Saved programs are found by the shapes and types of `arguments` and the `repr` of
+    `options`. Those that XLA refuses are traced again and replaced.
     """
     foreign = [*classes_of_others(options)]
     name = digest(arguments, *options, *map(id, foreign))
     if name not in READY:
         shared, found = not foreign and unedited(), None
         known = load(name) if shared else None
-        if known and known.keys() == {*stages}:
+        if known:
             with contextlib.suppress(Exception):  # a text of no program
                 found, _ = _compiled(known.items())
         if found is None:

@@ -227,19 +227,7 @@ class Stages:
         model = None if self._model is None else self._model.spec
         options = self._programs, _spec(self._radar), model
         trace = functools.partial(self._trace, sent)
-        return programs.ready(given, *options, stages=[*self._names(sent)], trace=trace)
-
-    def _names(self, sent: PointCloud | None) -> Iterator[str]:
-        """Yield the names of the stages that `_trace` yields."""
-        of_samples = self._radar is not None and sent is None
-        if of_samples:
-            yield from ("cleaning", "points", "detections")
-        if self._model is None or (of_samples and self._programs.joined):
-            return
-        yield from ("condition", "answer")
-        if self._programs.count > 1:
-            yield "fusion"
-        yield "cloud"
+        return programs.ready(given, *options, trace=trace)
 
     def _trace(self, sent: PointCloud | None) -> Iterator[tuple[str, programs.Program]]:
         """Yield the stages' programs, one after the other.

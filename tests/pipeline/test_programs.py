@@ -54,7 +54,7 @@ def within(cloud, *, restarted=True, **options):
     programs._code.cache_clear()
     if restarted:
         programs.IMPORTED_S = time.time()
-    ready = programs.ready(cloud, options, stages=["within"], trace=trace)
+    ready = programs.ready(cloud, options, trace=trace)
     return ready["within"](cloud), bool(traced)
 
 
@@ -107,14 +107,13 @@ def test_programs_of_files_that_changed_after_the_import_are_not_kept(cache, pac
     assert within(CLOUD, restarted=False, **NEAR)[1]  # it imported the one before
 
 
-@pytest.mark.parametrize("what", ["text", "stage", "result", "folder", "full folder"])
+@pytest.mark.parametrize("what", ["text", "result", "folder", "full folder"])
 def test_programs_that_do_not_run_are_traced_again_and_replaced(cache, what):
     expected, _ = within(CLOUD, **NEAR)
     (file,) = cache.iterdir()
     (program,) = programs.load(file.stem).values()
     wrong = {
         "text": {"within": program._replace(text=b"no program")},
-        "stage": {"without": program},
         "result": {"within": program._replace(result=(0, 1, 2))},
     }
     if what in wrong:
@@ -142,8 +141,8 @@ def test_programs_with_classes_of_ones_own_stay_in_the_process(cache):
             program, _ = programs.traced(lambda x: factor * x, jnp.ones(2))
             yield "scaled", program
 
-        options = {"stages": ["scaled"], "trace": trace}
-        return programs.ready(jnp.ones(2), (Own(),), **options)["scaled"](jnp.ones(2))
+        ready = programs.ready(jnp.ones(2), (Own(),), trace=trace)
+        return ready["scaled"](jnp.ones(2))
 
     assert answer(2.0)[0] == 2 and answer(3.0)[0] == 3
     assert not [*cache.iterdir()]
