@@ -7,7 +7,7 @@ one of them, and much faster to compute. A comparison with an empty cloud is NaN
 and report such frames.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +17,9 @@ from jaxtyping import Array, Bool, Float
 from jradar.compiled import jit
 from jradar.nearest import squared_both_ways
 from jradar.types import PointCloud, check_one_cloud
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 THRESHOLDS_M = (0.1, 0.2, 0.5)
 NEAR_M = 0.2  # as in the confidence of `jradar.types.PointCloud`
@@ -72,7 +75,7 @@ def compare_on_host(prediction: np.ndarray, truth: np.ndarray) -> CloudMetrics:
         forth = back = np.full(1, np.nan)
     else:
         forth, back = (
-            scipy.spatial.KDTree(other).query(points, workers=-1)[0]
+            kd_tree(other).query(points, workers=-1)[0]
             for points, other in (clouds, reversed(clouds))
         )
     return _scores(forth, back, np)
@@ -89,7 +92,7 @@ def f_score(
         return 0.0
     precision, recall = (
         np.isfinite(
-            scipy.spatial.KDTree(other).query(points, distance_upper_bound=within_m)[0]
+            kd_tree(other).query(points, distance_upper_bound=within_m)[0]
         ).mean()
         for points, other in ((found, truth), (truth, found))
     )
@@ -116,8 +119,17 @@ def near_truth(
         return np.zeros(len(xyz), bool)
     # The bound of the search excludes points at the very distance.
     bound = np.nextafter(within_m, np.inf)
-    nearest, _ = scipy.spatial.KDTree(truth).query(xyz, distance_upper_bound=bound)
+    nearest, _ = kd_tree(truth).query(xyz, distance_upper_bound=bound)
     return nearest <= within_m
+
+
+def kd_tree(points: Float[np.ndarray, "point axis"]) -> "KDTree":
+    """Return SciPy's tree of the points of a cloud; host.
+
+    Distances are those of its default tree, found about three times as fast: clouds lie
+    on surfaces, for which that splits at medians and shrinks boxes in vain.
+    """
+    return scipy.spatial.KDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 def _root_or_nan(squared):

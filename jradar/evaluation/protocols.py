@@ -9,12 +9,11 @@ that is empty, or that a protocol leaves empty, is scored as in `score_points`.
 from collections.abc import Callable
 
 import numpy as np
-import scipy  # loads `spatial` when it is first used
 from jaxtyping import Float
 
 from jradar.evaluation.methods import score_points
 from jradar.lidar import shared_field_of_view
-from jradar.metrics import f_score_of
+from jradar.metrics import f_score_of, kd_tree
 from jradar.model.grids.polar import LIDAR, lidar_image
 from jradar.options.protocols import PAPER
 
@@ -55,7 +54,7 @@ def radar_diffusion(found: Points, truth: Points) -> dict[str, float]:
     scores = score_points(*flat)
     if not len(found) or not len(truth):
         return scores
-    forth, back = (scipy.spatial.KDTree(b).query(a)[0] for a, b in (flat, flat[::-1]))
+    forth, back = (kd_tree(b).query(a)[0] for a, b in (flat, flat[::-1]))
     right, missed = (forth <= FLAT_LIMIT_M).sum(), (back > FLAT_LIMIT_M).sum()
     precision = right / max(right + missed, 1)
     return scores | {
