@@ -10,6 +10,7 @@ its frames come again and again instead: the map is then of no place, but takes 
 as one. The table has time and memory, `hour.png` the memory as the walk goes on.
 """
 
+import resource
 import sys
 import time
 from argparse import Namespace
@@ -57,7 +58,7 @@ def study(options: Namespace) -> None:
     took = time.perf_counter() - begin
     megabytes.append((len(found.path), _memory_mb()))
     faster = len(found.path) * PERIOD_S / took
-    peak = max(used for _, used in megabytes)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
     row = len(found.path), f"{took:.0f}", f"{faster:.1f}", len(found.enhanced.voxels)
     text = markdown_table(TITLES, [(*row, f"{peak:.0f}")])
     write_text(options.output / "hour.md", f"{text}\n")

@@ -2,6 +2,7 @@
 
     frames/000123.ply ..       a folder holds a frame in each file
     walk.csv, walk.npz         a file holds a frame, or a column `frame` or `timestamp`
+    walks/walk.csv ..          a folder of files of several frames holds recordings
     poses.txt, poses.npy       in the folder: TUM's format, or a 4 x 4 array a frame
     walk.tum, walk_poses.npy   beside a file
 
