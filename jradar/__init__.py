@@ -77,7 +77,7 @@ NAMES = {  # of the front door, and where each is defined
     "enhance_points": "jradar.model",
     "enhance_recording": "jradar.pipeline",
 }
-ROOMS = [module.name for module in pkgutil.iter_modules(__path__)]
+ROOMS = [m.name for m in pkgutil.iter_modules(__path__) if m.name[0] != "_"]
 
 __all__ = [*NAMES, *ROOMS]  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -276,12 +276,12 @@ def test_commands_run_one_after_another(tmp_path):
         ran([str(program / words[0]), *words[1:]], tmp_path, environment)
 
     def simulated(*arguments):
-        run(["python", "-m", "jradar.cli", "simulate", *arguments])
+        run(["python", "-m", "jradar", "simulate", *arguments])
 
     simulated("--scene", "hall", "--frames", "3", "-o", "sim")
     simulated(*"--scene hall --frames 3 --format capture -o capture".split())
     simulated("--set", "jradar-sim-1-mini", "--frames", "2", "-o", "coloradar")
-    run("python -m jradar.cli enhance sim/hall_0 -o walk.ros2".split())
+    run("python -m jradar enhance sim/hall_0 -o walk.ros2".split())
     shown = [each for each in commands() if each[0] != RIG]
     shown.sort(key=lambda each: not each[0].startswith("exp"))
     number = 0
@@ -293,7 +293,7 @@ def test_commands_run_one_after_another(tmp_path):
             continue
         words = [STANDS_FOR.get(word, word) for word in words]
         if words[0] == "jradar":
-            words = ["python", "-m", "jradar.cli", *words[1:]]
+            words = ["python", "-m", "jradar", *words[1:]]
             words += ["--no-open"] if "view" in words else []
         run(words)
         number += 1

@@ -91,7 +91,7 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch, refused):
 
 def test_a_closed_pipe_ends_quietly(tmp_path):
     write_ply(tmp_path / "a.ply", PointCloud.from_xyz(np.ones((2, 3))))
-    process = started("jradar.cli", "info", tmp_path / "a.ply")
+    process = started("jradar", "info", tmp_path / "a.ply")
     process.stdout.close()
     assert process.stderr.read() == "" and process.wait() == 0
 

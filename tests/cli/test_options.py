@@ -75,7 +75,7 @@ def test_a_shell_completes_commands_and_options(tmp_path):
     for line, expected in (("jradar enh", "enhance"), ("jradar live --dr", "--draws")):
         found = tmp_path / "found"
         subprocess.run(
-            [sys.executable, "-m", "jradar.cli"],
+            [sys.executable, "-m", "jradar"],
             env=os.environ
             | {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line))}
             | {"_ARGCOMPLETE_STDOUT_FILENAME": str(found)},

@@ -73,7 +73,7 @@ def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
     write_sequence(tmp_path / "src", frames=60)
     words = ("prepare", tmp_path / "src", "-o", tmp_path / "dst", "--spec", spec)
     process = started(
-        "jradar.cli",
+        "jradar",
         *(*words, "--workers", workers),
         start_new_session=True,
         # A test in the background of a shell would hand down that SIGINT is ignored.

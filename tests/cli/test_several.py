@@ -210,7 +210,7 @@ def test_a_cluster_does_what_a_killed_worker_leaves(walks, tmp_path):
         run = [
             sys.executable,
             "-m",
-            "jradar.cli",
+            "jradar",
             "odometry",
             *map(str, Path("walks").iterdir()),
         ]

@@ -199,7 +199,7 @@ def test_two_programs_talk_to_each_other(capture, tmp_path):
     with contextlib.ExitStack() as stack:
 
         def begin(*words):
-            process = started("jradar.cli", *words, *addresses)
+            process = started("jradar", *words, *addresses)
             stack.callback(process.wait)
             stack.callback(process.kill)
             return process

@@ -22,7 +22,7 @@ def test_the_page_runs_as_it_stands(tmp_path):
     environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)}
     del environment["XLA_FLAGS"]  # programs that compile quickly would train slowly
     lines = re.findall(r"```bash\n(.*?)```", PAGE, re.DOTALL)
-    command = 'jradar() { python -m jradar.cli "$@"; }'
+    command = 'jradar() { python -m jradar "$@"; }'
     shown = pasted([command, *lines], tmp_path, environment)
     rows = re.findall(r"^ +(jradar-sim|mine) +[0-9.]+ +([0-9.]+) ", shown, re.M)
     shipped, own = (dict(rows[::-1])[name] for name in ("jradar-sim", "mine"))

@@ -1,4 +1,4 @@
-"""`python -m jradar.cli` runs the command `jradar`."""
+"""`python -m jradar` runs the command `jradar`."""
 
 import sys
 
