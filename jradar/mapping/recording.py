@@ -278,12 +278,7 @@ def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
     """Return the function that writes each of FILES, by name."""
     text = json.dumps(found.describe() | {"notes": found.notes}, indent=2) + "\n"
     grid, corner = occupancy_grid(found)
-    timed = {}
-    if found.stamps is not None:
-        mount = np.eye(4) if found.base_from_radar is None else found.base_from_radar
-        trajectory = Trajectory(found.stamps, found.poses, mount)
-        timed = {"trajectory.tum": lambda path: write_tum(path, trajectory)}
-    return timed | {
+    files: dict[str, Callable[[Path], None]] = {
         "map.ply": lambda path: _write_voxels(path, found.enhanced, found.grid),
         "radar_map.ply": lambda path: _write_voxels(path, found.radar, found.grid),
         "grid.pgm": lambda path: _write_pgm(path, grid),
@@ -291,6 +286,11 @@ def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
         "map.json": lambda path: write_text(path, text),
         "map.png": lambda path: save_figure(_figure(found), path),
     }
+    if found.stamps is not None:
+        mount = np.eye(4) if found.base_from_radar is None else found.base_from_radar
+        trajectory = Trajectory(found.stamps, found.poses, mount)
+        files["trajectory.tum"] = lambda path: write_tum(path, trajectory)
+    return files
 
 
 def _figure(found):

@@ -70,9 +70,11 @@ def odometry(
     stamps, notes = velocities.stamps, [*outside, *_notes(recording, velocities)]
     wrong = outliers(velocities)
     if wrong.any():
+        count = int(wrong.sum())
+        which, them = ("1 frame", "it") if count == 1 else (f"{count} frames", "them")
         notes.append(
-            f"the velocity of {wrong.sum()} frames is far from that of the frames "
-            "around them, and is bridged"
+            f"the velocity of {which} is far from that of the frames around {them}, "
+            "and is bridged"
         )
         kept = np.where(wrong[:, None], np.nan, velocities.velocity)
         velocities = velocities._replace(velocity=kept)
