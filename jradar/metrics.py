@@ -119,7 +119,8 @@ def near_truth(
         return np.zeros(len(xyz), bool)
     # The bound of the search excludes points at the very distance.
     bound = np.nextafter(within_m, np.inf)
-    nearest, _ = kd_tree(truth).query(xyz, distance_upper_bound=bound)
+    tree = kd_tree(truth)
+    nearest, _ = tree.query(xyz, distance_upper_bound=bound, workers=-1)
     return nearest <= within_m
 
 
