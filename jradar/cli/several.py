@@ -95,7 +95,7 @@ def _inside(path: Path, is_recording, depth: int = 2) -> Iterator[str]:
         yield str(path)
         return
     shown = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
-    known = [p for p in shown if is_recording(p)]
+    known = {p for p in shown if is_recording(p)}
     endings = {*ENDINGS, *(p.suffix for p in known if p.is_file())}
     ours = [p for p in shown if p in known or p.suffix in endings]
     deeper = [p for p in shown if p.is_dir() and p not in ours]
