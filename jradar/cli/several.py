@@ -73,39 +73,21 @@ def begins_several(options: argparse.Namespace) -> bool:
 def recordings_at(paths: list[str]) -> list[str]:
     """Return the recordings of several paths, or nothing for that of a single one.
 
-    A folder that is not a recording stands for those in it, and in the folders there.
+    A folder that is not a recording stands for those in it, and in the folders there;
+    also for what ends as one and may be damaged.
     """
     if len(paths) == 1 and not os.path.isdir(paths[0]):
         return []
-    from jradar.recordings import is_recording
+    from jradar.recordings import is_recording, recordings_in
 
     if len(paths) == 1 and is_recording(paths[0]):
         return []
-    found = [path for given in paths for path in _inside(Path(given), is_recording)]
+    found = list[str]()
+    for path in paths:  # one without any is kept, so that its error is shown
+        is_folder = os.path.isdir(path) and not is_recording(path)
+        inside = recordings_in(Path(path), endings=ENDINGS) if is_folder else ()
+        found += [*map(str, inside)] or [path]
     return found if len(paths) > 1 or found != [paths[0]] else []
-
-
-def _inside(path: Path, is_recording, depth: int = 2) -> Iterator[str]:
-    """Yield a recording, or those in a folder; also what ends as one and may be broken.
-
-    Files end as one in `ENDINGS`, or like a recording next to them. A path without any
-    is yielded itself, so that its error is shown.
-    """
-    if not depth or not path.is_dir() or is_recording(path):
-        yield str(path)
-        return
-    shown = [p for p in sorted(path.iterdir()) if not p.name.startswith(".")]
-    known = {p for p in shown if is_recording(p)}
-    endings = {*ENDINGS, *(p.suffix for p in known if p.is_file())}
-    ours = [p for p in shown if p in known or p.suffix in endings]
-    deeper = [p for p in shown if p.is_dir() and p not in ours]
-    within = [
-        found
-        for p in deeper
-        for found in _inside(p, is_recording, depth - 1)
-        if Path(found) != p
-    ]
-    yield from ([*map(str, ours), *within] or [str(path)])
 
 
 def run(options: argparse.Namespace) -> Results:

@@ -15,7 +15,7 @@ import numpy as np
 from jradar.errors import UsageError
 from jradar.files import read_json
 from jradar.options.recordings import SPLITS
-from jradar.recordings.open import is_recording, open_recording
+from jradar.recordings.open import is_recording, open_recording, recordings_in
 from jradar.recordings.recording import Recording
 
 APART_S, APART = 2.0, 20  # between the parts of a recording: seconds, frames
@@ -124,10 +124,7 @@ def _sources(path: Path, options: Any) -> tuple[Source, ...]:
     """The recording at a path, or those in this folder, by name."""
     found, splits = [path], {}
     if path.is_dir() and not is_recording(path):
-        inside = (p for pattern in ("*", "*/*") for p in path.glob(pattern))
-        # Folders of killed runs are hidden.
-        shown = (p for p in inside if "/." not in f"/{p.relative_to(path)}")
-        found = sorted(p for p in shown if p.is_dir() and is_recording(p)) or [path]
+        found = sorted(recordings_in(path)) or [path]
     if (listed := path / "splits.json").is_file():
         splits = read_json(listed)
     for name, split in splits.items():

@@ -33,6 +33,7 @@ from jradar.recordings.open import (
     holds_points as holds_points,
     is_recording as is_recording,
     open_recording as open_recording,
+    recordings_in as recordings_in,
     without_background as without_background,
 )
 from jradar.recordings.radar_toml import write_radar_toml as write_radar_toml

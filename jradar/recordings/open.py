@@ -4,6 +4,7 @@
 """
 
 import dataclasses
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,23 @@ COMPRESSED = (".gz", ".zip", ".zst", ".xz", ".bz2")
 def is_recording(path: Path | str) -> bool:
     """True if a reader takes this path; of a bag, the index is read."""
     return any(reader.matches(Path(path)) for reader in READERS)
+
+
+def recordings_in(
+    folder: Path, *, endings: Collection[str] = (), depth: int = 2
+) -> Iterator[Path]:
+    """Yield the recordings in a folder, then those in the folders there.
+
+    Files that end like a recording next to them, or with one of the `endings`, count,
+    so that a damaged one is not passed over. What is hidden does not count.
+    """
+    shown = [p for p in sorted(folder.iterdir()) if not p.name.startswith(".")]
+    known = {p for p in shown if is_recording(p)}
+    alike = {*endings, *(p.suffix for p in known if not p.is_dir())}
+    yield from (p for p in shown if p in known or not p.is_dir() and p.suffix in alike)
+    for path in shown:
+        if depth > 1 and path.is_dir() and path not in known:
+            yield from recordings_in(path, endings=endings, depth=depth - 1)
 
 
 def holds_points(path: Path | str) -> bool:

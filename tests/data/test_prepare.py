@@ -94,6 +94,16 @@ def test_a_folder_of_captures_is_several_sources(tmp_path):
     assert [s.name for s in find_sources(tmp_path)] == ["stairs", "walk"]
 
 
+def test_a_folder_of_files_is_several_sources_and_a_damaged_one_is_among_them(tmp_path):
+    (tmp_path / "rig").mkdir()
+    text = "frame,x,y,z,doppler\n0,5,1,0,1\n1,5,1,0,1\n"
+    for name in ("a.csv", "rig/b.csv"):
+        (tmp_path / name).write_text(text)
+    (tmp_path / "broken.csv").write_text("")
+    (tmp_path / "notes.md").write_text("two walks")
+    assert [s.name for s in find_sources(tmp_path)] == ["a", "broken", "b"]
+
+
 def test_a_file_of_splits_overrides_the_paper(tmp_path):
     for name in ("a", "b", ".a-x1/a"):  # the last was left by a killed run
         (tmp_path / name / "single_chip/adc_samples/data").mkdir(parents=True)
