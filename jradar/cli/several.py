@@ -248,23 +248,27 @@ class _Run:
 
     def results(self) -> Results:
         """Return what is printed; the warnings of all recordings are counted."""
-        notes = collections.Counter(
-            note for name in self.done for note in self.listed[name]["notes"]
-        )
+        having = collections.defaultdict[str, list[str]](list)
+        for name in (job.name for job in self.jobs if job.name in self.done):
+            for note in self.listed[name]["notes"]:
+                having[note].append(name)
+        notes = sorted(having.items(), key=lambda found: -len(found[1]))  # stable
         result = Results(
             {
                 "recordings": len(self.jobs),
                 "failed": len(self.failed),
                 "by recording": [_short(row) for row in self.rows()],
-                "notes": [
-                    f"{count} recordings: {note}" if count > 1 else note
-                    for note, count in notes.most_common()
-                ],
+                "notes": [f"{_which(names)}: {note}" for note, names in notes],
                 "written": self.write(),
             }
         )
         result.code = FAILED if self.failed else 0
         return result
+
+
+def _which(names: list[str]) -> str:
+    """Return the name of a recording, or how many there are."""
+    return names[0] if len(names) == 1 else f"{len(names)} recordings"
 
 
 def run_one(job: Job) -> dict[str, Any]:

@@ -70,6 +70,16 @@ def test_a_recording_that_fails_is_named_and_the_others_go_on(walks, tmp_path, c
     assert one == 0 and (tmp_path / "one.tum").read_text() == same
 
 
+def test_a_warning_of_one_recording_has_its_name(walks, capsys):
+    text = (walks / "walk_1.csv").read_text()
+    (walks / "walk_1.csv").write_text(text + "3,0.3,nan,1,1,0,20\n")
+    (walks / "broken.csv").unlink()
+    assert main([*command(walks, "-o", "out", "--json")]) == 0
+    first, *others = json.loads(capsys.readouterr().out)["notes"]
+    assert first.startswith("3 recordings: ")
+    assert any(note.startswith("walk_1: ") and "are NaN" in note for note in others)
+
+
 def test_a_table_of_frames_becomes_its_means():
     rows = [{"frame": 4, "points": 10, "sure": 0.5, "why": "a"}]
     rows += [{"frame": 5, "points": 20, "sure": 0.7, "why": "b"}]
