@@ -299,7 +299,7 @@ def run_one(job: Job) -> dict[str, Any]:
 def _flat(result: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the single values of a result, those of tables within it by both names.
 
-    Of a table of frames, these are the means.
+    Of a table of frames, these are their number and the means.
     """
     for name, value in result.items():
         if isinstance(value, dict):
@@ -311,7 +311,11 @@ def _flat(result: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
 
 
 def _means(rows: list[dict[str, Any]]) -> Iterator[tuple[str, float]]:
-    """Yield the mean of each column of numbers, by its name; not that of times."""
+    """Yield how many frames there are, and the mean of each column but their times.
+
+    The number replaces that of the frames in the recording.
+    """
+    yield "frames", len(rows)
     for name in rows[0]:
         values: list[Any] = [row.get(name) for row in rows]
         values = [value for value in values if type(value) in (int, float)]

@@ -83,7 +83,12 @@ def test_a_warning_of_one_recording_has_its_name(walks, capsys):
 def test_a_table_of_frames_becomes_its_means():
     rows = [{"frame": 4, "points": 10, "sure": 0.5, "why": "a"}]
     rows += [{"frame": 5, "points": 20, "sure": 0.7, "why": "b"}]
-    result = {"frames": 2, "enhanced": rows, "notes": ["a frame"], "model": {"name": 1}}
+    result = {
+        "frames": 60,
+        "enhanced": rows,
+        "notes": ["a frame"],
+        "model": {"name": 1},
+    }
     result["streams"] = [{"stream": "radar", "items": 4}]
     expected = {"frames": 2, "mean points": 15, "mean sure": 0.6, "model name": 1}
     assert dict(several._flat(result)) == pytest.approx(expected)
