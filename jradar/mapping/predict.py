@@ -122,7 +122,7 @@ def enhance_map(radar: Voxels, model: Model, *, start_height: int = 0) -> Occupi
             weights[first[0] : first[0] + TILE, first[1] : first[1] + TILE] += taper
             weighted = share[tuple(cells.T)] * taper[cells[:, 0], cells[:, 1]]
             found.add(cells + (x, y, z), weighted)
-        found.settle(low[0] + (row + 1) * STRIDE - border)  # where the next ones begin
+        found.settle(int(low[0]) + (row + 1) * STRIDE - border)  # the next row's first
     unique, total = found.result()
     columns = unique[:, :2] - low[:2] + border
     return likely_first(unique, total / weights[tuple(columns.T)])
