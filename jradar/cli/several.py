@@ -80,8 +80,6 @@ def recordings_at(paths: list[str]) -> list[str]:
         return []
     from jradar.recordings import is_recording, recordings_in
 
-    if len(paths) == 1 and is_recording(paths[0]):
-        return []
     found = list[str]()
     for path in paths:  # one without any is kept, so that its error is shown
         is_folder = os.path.isdir(path) and not is_recording(path)

@@ -144,10 +144,9 @@ def map_recording(
     mapped = map_clouds(
         map(still, clouds), poses, model, notes=said(), loops=loops, advance=advance
     )
-    stamps = recording.frames.stamps
-    if stamps is not None:
-        middle = np.asarray(stamps)[list(chosen)] + recording.frame_middle_s
-        stamps = middle[: len(mapped.poses)]
+    stamps = None
+    if recording.frames.stamps is not None:
+        stamps = _middle(recording, chosen)[: len(mapped.poses)]
     return mapped._replace(stamps=stamps, base_from_radar=recording.base_from_radar)
 
 
@@ -231,7 +230,7 @@ def radar_poses(
         if mount is None:
             mount = np.eye(4)
             notes.append("the radar's place on the base is unknown, and taken as 0")
-        middle = np.asarray(stamps)[list(frames)] + recording.frame_middle_s
+        middle = _middle(recording, frames)
         notes += within_poses(recording.poses, middle)[1]
         return interpolate_poses(recording.poses, middle) @ mount, notes
     velocities = frame_velocities(recording, frames=frames)
@@ -240,6 +239,11 @@ def radar_poses(
     poses = np.full((len(frames), 4, 4), np.nan)
     poses[np.isin(velocities.stamps, found.stamps)] = found.world_from_radar
     return poses, [f"poses from Doppler and {rotation}", *found.notes]
+
+
+def _middle(recording, frames):
+    """Return the times of the middle of frames, in seconds."""
+    return np.asarray(recording.frames.stamps)[list(frames)] + recording.frame_middle_s
 
 
 def _check_path(recording, frames, path):

@@ -25,7 +25,6 @@ from jradar.recordings import (
     need_samples,
     with_sample_warnings,
 )
-from jradar.recordings.sample_checks import SampleCheck
 from jradar.types import PointCloud
 
 POINTS = PointSpec()
@@ -58,22 +57,28 @@ class Detected(NamedTuple):
         """True if the detector found nothing."""
         return not np.asarray(self.points.valid).any()
 
-    def check(self) -> SampleCheck:
-        """Return what the recorded samples look like; takes longer than to detect."""
-        return check_samples(self.recorded)
-
     def describe(self, radar: RadarSpec) -> dict[str, Any]:
-        """Return the numbers of points, the noise and the strongest echoes."""
+        """Return the numbers of points, the samples, the noise and strongest echoes.
+
+        To check the recorded samples takes longer than to detect.
+        """
         numbers = self.recorded.size * (1 + np.iscomplexobj(self.recorded))
+        check = check_samples(self.recorded)
         return {
             "frame": self.number,
             "points": int(np.asarray(self.points.valid).sum()),
             "detected": self.detected,
             "dropped": self.dropped,
-            "saturated": round(self.check().share * numbers),
+            "saturated": round(check.share * numbers),
+            "largest sample": check.largest,
+            "share at full scale": check.share,
             "noise": _noise(noise_statistics(self.power, radar)),
-            "echoes": [e._asdict() for e in strongest_echoes(self.points, radar)],
+            "echoes": self.echoes(radar),
         }
+
+    def echoes(self, radar: RadarSpec) -> list[dict[str, Any]]:
+        """Return the strongest echoes."""
+        return [e._asdict() for e in strongest_echoes(self.points, radar)]
 
 
 class Detection(Iterator[Detected]):
@@ -174,16 +179,11 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
         threads.submit(importlib.import_module, "scipy.special")  # for the noise; slow
         detections = [*threads.map(lambda kind: Detection(checked, kind, one), kinds)]
     (seen,), *moving = detections
-    shown, check = seen.describe(radar), seen.check()
-    found: dict[str, Any] = {
-        "frame": frame,
-        "largest sample": check.largest,
-        "share at full scale": check.share,
-        "noise": shown["noise"],
-        "echoes": shown["echoes"],
-    }
+    names = "frame", "largest sample", "share at full scale", "noise", "echoes"
+    shown = seen.describe(radar)
+    found = {name: shown[name] for name in names}
     for (seen_moving,) in moving:
-        found["moving echoes"] = seen_moving.describe(radar)["echoes"]
+        found["moving echoes"] = seen_moving.echoes(radar)
     own = (recording.path / "capture.toml").is_file()
     if own and not (recording.lidar is None and recording.poses is None):
         found["time offset"] = described_offset(recording)

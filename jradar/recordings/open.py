@@ -104,9 +104,7 @@ def open_recording(
 
 
 def _refuse_folder(path: Path) -> None:
-    inside = sorted(
-        p for g in ("*", "kitti/*") for p in path.glob(g) if is_recording(p)
-    )
+    inside = [*recordings_in(path)]
     if not inside:
         names = "; ".join(reader.name for reader in READERS)
         raise UsageError(f"{path} holds no recording, expected {names}")
